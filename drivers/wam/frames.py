@@ -1,0 +1,223 @@
+"""CAN frames of the WAM: identifiers and payloads, packed and parsed by pure functions on `can.Message`.
+
+All frames are standard 11-bit data frames. The identifier is a group bit, the sender's node (host 0, pucks 1 to 7,
+safety puck 10) and a destination node or group. Positions are encoder counts, torques puck units; positions and torques
+are big-endian, all else little-endian. Source: WAM reference 1.1 to 1.4 and 2.1 to 2.5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import floor, isfinite
+
+import can
+
+from drivers.errors import InputError, ProtocolError
+
+GROUP_BIT = 0x400
+"""Set in a destination: the frame goes to a group, whose number is in the low five bits."""
+GROUP_ALL_MOTORS = 0
+GROUP_LOWER_TORQUE = 1
+GROUP_UPPER_TORQUE = 2
+GROUP_POSITION = 3
+GROUP_ARM = 4
+GROUP_PROPERTY = 6
+GROUP_JOINT_ENCODER = 7
+SAFETY_NODE = 10
+UNASKED_SAFETY_ID = 0x540
+"""The safety puck's own frames to the motor pucks."""
+
+TORQUE_LIMIT_UNITS = 8191
+_SENDER_MASK = 0x3E0
+_TO_MASK = 0x41F
+_POSITION_TO = GROUP_BIT | GROUP_POSITION
+_PROPERTY_TO = GROUP_BIT | GROUP_PROPERTY
+_JOINT_ENCODER_TO = GROUP_BIT | GROUP_JOINT_ENCODER
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """A puck's position reply."""
+
+    node: int
+    motor_counts: int
+    joint_counts: int | None
+    """Count of the joint encoder; None for a puck without one."""
+
+
+@dataclass(frozen=True, slots=True)
+class PropertyReply:
+    """A puck's property reply; also what a set-property frame carries."""
+
+    node: int
+    property_id: int
+    value: int
+
+
+# --- what the host sends
+
+
+def get_property(destination: int, property_id: int) -> can.Message:
+    """Ask `destination` (a node, or 0x400 | group) for a property, 0 to 127. InputError if out of range."""
+    _check_address(destination, property_id)
+    return _frame(destination, bytes((property_id,)))
+
+
+def set_property(destination: int, property_id: int, value: int) -> can.Message:
+    """Write a property of `destination`, a signed or unsigned 32-bit value; nobody acknowledges it.
+
+    InputError if out of range.
+    """
+    _check_address(destination, property_id)
+    if not -0x80000000 <= value <= 0xFFFFFFFF:
+        raise InputError(f"property value {value} does not fit; expected a 32-bit integer.")
+    return _frame(destination, bytes((0x80 | property_id, 0)) + (value & 0xFFFFFFFF).to_bytes(4, "little"))
+
+
+def position_request(group: int = GROUP_ARM, property_id: int = 48) -> can.Message:
+    """Ask every puck of `group` for its position; 48 is P of all supported firmware."""
+    return get_property(GROUP_BIT | group, property_id)
+
+
+def torque_frame(group: int, values: Sequence[float], property_id: int = 42) -> can.Message:
+    """Pack one to four torques, puck units, for the pucks with PIDX 1 to 4 of `group`; missing ones are zero.
+
+    Each value is clipped to ±8191 and then floored towards minus infinity, as all host software of this arm does.
+    InputError for more than four or non-finite values.
+    """
+    if not 1 <= len(values) <= 4:
+        raise InputError(f"{len(values)} torques do not fit into a frame; expected one to four.")
+    _check_address(GROUP_BIT | group, property_id)
+    bits = 0
+    for value in values:
+        if not isfinite(value):
+            raise InputError(f"torque {value} is not finite; expected puck units between -8191 and 8191.")
+        bits = bits << 14 | (floor(max(-8191.0, min(8191.0, value))) & 0x3FFF)
+    bits <<= 14 * (4 - len(values))
+    return _frame(GROUP_BIT | group, ((0x80 | property_id) << 56 | bits).to_bytes(8, "big"))
+
+
+# --- what pucks send
+
+
+def position_reply(node: int, motor_counts: int, joint_counts: int | None = None) -> can.Message:
+    """A puck's answer to the position request, 22-bit counts (wrapped), with or without joint encoder."""
+    data = (motor_counts & 0x3FFFFF).to_bytes(3, "big")
+    if joint_counts is not None:
+        data += (joint_counts & 0x3FFFFF).to_bytes(3, "big")
+    return _frame(_POSITION_TO | node << 5, data)
+
+
+def property_reply(node: int, property_id: int, value: int, *, wide: bool) -> can.Message:
+    """A puck's answer to get-property, with four value bytes (`wide`) or two."""
+    width = 4 if wide else 2
+    data = bytes((0x80 | property_id, 0)) + (value & ((1 << 8 * width) - 1)).to_bytes(width, "little")
+    return _frame(_PROPERTY_TO | node << 5, data)
+
+
+# --- parsing
+
+
+def parse_position(message: can.Message) -> Position:
+    """Read a position reply of 3 or 6 bytes; anything else raises ProtocolError."""
+    node = _reply_sender(message, _POSITION_TO, "position reply")
+    data = message.data
+    counts = (((data[0] & 0x3F) << 16 | data[1] << 8 | data[2]) ^ 0x200000) - 0x200000 if len(data) >= 3 else 0
+    if len(data) == 3:
+        return Position(node, counts, None)
+    if len(data) == 6:
+        joint_counts = (((data[3] & 0x3F) << 16 | data[4] << 8 | data[5]) ^ 0x200000) - 0x200000
+        return Position(node, counts, joint_counts)
+    raise _malformed(message, "position reply of 3 or 6 bytes")
+
+
+def parse_joint_encoder(message: can.Message) -> tuple[int, int]:
+    """Read a joint encoder reply: node and count. ProtocolError if it is not one."""
+    node = _reply_sender(message, _JOINT_ENCODER_TO, "joint encoder reply")
+    data = message.data
+    if len(data) != 3:
+        raise _malformed(message, "joint encoder reply of 3 bytes")
+    return node, (((data[0] & 0x3F) << 16 | data[1] << 8 | data[2]) ^ 0x200000) - 0x200000
+
+
+def parse_property(message: can.Message) -> PropertyReply:
+    """Read a property reply with two or four value bytes, signed; anything else raises ProtocolError."""
+    node = _reply_sender(message, _PROPERTY_TO, "property reply")
+    property_id, value = _property_and_value(message)
+    return PropertyReply(node, property_id, value)
+
+
+def parse_request(message: can.Message) -> tuple[int, int | None]:
+    """Read what a puck hears: property number and, for a set-property frame, the value. ProtocolError if neither."""
+    data = _plain_data(message)
+    if len(data) == 1 and not data[0] & 0x80:
+        return data[0], None
+    return _property_and_value(message)
+
+
+def parse_torques(message: can.Message) -> tuple[int, tuple[int, int, int, int]]:
+    """Read a packed torque frame: property number and four values, puck units. ProtocolError if it is not one."""
+    data = _plain_data(message)
+    if len(data) != 8 or not data[0] & 0x80:
+        raise _malformed(message, "packed torque frame of 8 bytes")
+    bits = int.from_bytes(data[1:], "big")
+    first, second, third, fourth = (((bits >> shift & 0x3FFF) ^ 0x2000) - 0x2000 for shift in (42, 28, 14, 0))
+    return data[0] & 0x7F, (first, second, third, fourth)
+
+
+def sender(message: can.Message) -> int:
+    """Node that sent the frame; 0 is the host."""
+    return (message.arbitration_id & _SENDER_MASK) >> 5
+
+
+def is_position(message: can.Message) -> bool:
+    """Whether the identifier is that of a position reply; the rest may still be malformed."""
+    return message.arbitration_id & _TO_MASK == _POSITION_TO
+
+
+def is_property(message: can.Message) -> bool:
+    """Whether the identifier is that of a property reply; the rest may still be malformed."""
+    return message.arbitration_id & _TO_MASK == _PROPERTY_TO
+
+
+def _property_and_value(message: can.Message) -> tuple[int, int]:
+    data = _plain_data(message)
+    if len(data) not in (4, 6) or not data[0] & 0x80 or data[1]:
+        raise _malformed(message, "property and value in 4 or 6 bytes")
+    return data[0] & 0x7F, int.from_bytes(data[2:], "little", signed=True)
+
+
+def _reply_sender(message: can.Message, to: int, what: str) -> int:
+    identifier = message.arbitration_id
+    node = (identifier & _SENDER_MASK) >> 5
+    if identifier & _TO_MASK != to or not node or identifier > 0x7FF:
+        raise _malformed(message, what)
+    _plain_data(message)
+    return node
+
+
+def _plain_data(message: can.Message) -> bytearray:
+    if message.is_extended_id or message.is_remote_frame or message.is_error_frame or message.is_fd:
+        raise _malformed(message, "standard data frame")
+    return message.data
+
+
+def _check_address(destination: int, property_id: int) -> None:
+    if destination & ~(GROUP_BIT | 0x1F):
+        raise InputError(f"destination {destination:#x} is not a node (0 to 31) or 0x400 | group (0 to 31).")
+    if not 0 <= property_id <= 127:
+        raise InputError(f"property number {property_id} is out of range; expected 0 to 127.")
+
+
+def _frame(identifier: int, data: bytes) -> can.Message:
+    return can.Message(arbitration_id=identifier, is_extended_id=False, data=bytearray(data))
+
+
+def _malformed(message: can.Message, expected: str) -> ProtocolError:
+    return ProtocolError(
+        "WAM bus",
+        f"frame {message.arbitration_id:#05x} with data {bytes(message.data).hex() or 'none'} is malformed; "
+        f"expected a {expected}.",
+        help="Look for another device or a wrong bit rate on the bus.",
+    )
