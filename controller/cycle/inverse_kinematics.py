@@ -146,16 +146,17 @@ class DifferentialInverseKinematics:
         self._task *= self._row_weight
         damping_squared, unbounded = self._unbounded_velocity(q)
 
-        lower, upper = self.bounds.at(q, v_previous)
-        if bool(((unbounded >= lower) & (unbounded <= upper)).all()):
+        wanted = unbounded.tolist()
+        lower, upper = self.bounds.at(q.tolist(), v_previous.tolist())
+        if all(map(_between, lower, wanted, upper)):
             return IkStep(unbounded, 1.0, position_error_m, rotation_error_rad, False)
         if self._solver == "qp":
             velocity, scale = self._along_path(unbounded, damping_squared, lower, upper)
         else:
-            velocity, scale = _slowed(unbounded, lower, upper)
+            velocity, scale = _slowed(wanted, lower, upper)
         # The bounds are laws; the solver keeps them to its tolerance only.
-        np.minimum(np.maximum(velocity, lower, out=velocity), upper, out=velocity)
-        return IkStep(velocity, scale, position_error_m, rotation_error_rad, True)
+        kept = np.array([min(max(v, low), high) for v, low, high in zip(velocity, lower, upper, strict=True)])
+        return IkStep(kept, scale, position_error_m, rotation_error_rad, True)
 
     def _wanted_twist(self, T_target: FloatArray, twist_target: FloatArray) -> tuple[float, float]:
         """Fill `_task` with V* + K e; returns the sizes of e (m, rad)."""
@@ -224,8 +225,8 @@ class DifferentialInverseKinematics:
         return damping_squared, posture
 
     def _along_path(
-        self, unbounded: FloatArray, damping_squared: float, lower: FloatArray, upper: FloatArray
-    ) -> tuple[FloatArray, float]:
+        self, unbounded: FloatArray, damping_squared: float, lower: list[float], upper: list[float]
+    ) -> tuple[list[float], float]:
         """The QP in (v, s) of the module's docstring: velocity (7) and s."""
         H = self._hessian
         J = self._weighted_jacobian
@@ -247,8 +248,9 @@ class DifferentialInverseKinematics:
             H * factor, self._gradient * factor, self._no_rows, self._upper, self._lower
         )
         if status < 1:
-            return _slowed(unbounded, lower, upper)
-        return solution[:JOINTS], min(1.0, max(0.0, float(solution[JOINTS])))
+            return _slowed(unbounded.tolist(), lower, upper)
+        *velocity, scale = solution.tolist()
+        return velocity, min(1.0, max(0.0, scale))
 
 
 def _feedback_speed(error: float, gain_per_s: float, acceleration: float, limit: float) -> float:
@@ -259,14 +261,14 @@ def _feedback_speed(error: float, gain_per_s: float, acceleration: float, limit:
     return min(sqrt(acceleration * (2.0 * error - linear_until)), limit)
 
 
-def _slowed(unbounded: FloatArray, lower: FloatArray, upper: FloatArray) -> tuple[FloatArray, float]:
+def _between(low: float, value: float, high: float) -> bool:
+    return low <= value <= high
+
+
+def _slowed(unbounded: list[float], lower: list[float], upper: list[float]) -> tuple[list[float], float]:
     """`unbounded` times the greatest s in [0, 1] that lies within the bounds; as near as s can come if none does."""
-    least, greatest = 0.0, 1.0
-    for speed, low, high in zip(unbounded.tolist(), lower.tolist(), upper.tolist(), strict=True):
-        if speed == 0.0:
-            continue
-        first, second = low / speed, high / speed
-        least = max(least, min(first, second))
-        greatest = min(greatest, max(first, second))
-    scale = greatest if greatest >= least else max(0.0, greatest)
-    return unbounded * scale, scale
+    scale = 1.0
+    for speed, low, high in zip(unbounded, lower, upper, strict=True):
+        if speed != 0.0:
+            scale = min(scale, max(0.0, low / speed, high / speed))
+    return [speed * scale for speed in unbounded], scale

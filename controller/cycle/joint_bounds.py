@@ -16,7 +16,7 @@ starts outside them or they were lowered, acceleration wins, and the others are 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isfinite
+from math import isfinite, sqrt
 
 import numpy as np
 
@@ -63,54 +63,50 @@ class JointLimits:
 
 
 class JointBounds:
-    """Velocity bounds for the coming period. Keeps its own arrays: what `at` returns is valid until the next call."""
+    """Velocity bounds for the coming period. Plain floats: arrays of seven cost more than they save here."""
 
     def __init__(self, limits: JointLimits, period_s: float) -> None:
         if not (isfinite(period_s) and period_s > 0.0):
             raise InputError(f"period_s is {period_s}; expected a positive time in seconds.")
         self.limits = limits
-        self._step = limits.acceleration_rad_s2 * period_s  # speed change in one period
-        self._half_step = 0.5 * self._step
         self._period_s = period_s
-        self._inverse_knot = 8.0 / (self._step * period_s)
-        # Row 0 towards the lower limits, row 1 towards the upper ones.
-        self._room = np.zeros((2, JOINTS))
-        self._whole = np.zeros((2, JOINTS))
-        self._speed = np.zeros((2, JOINTS))
-        self._lower = np.zeros(JOINTS)
-        self._upper = np.zeros(JOINTS)
-        self._slowest = np.zeros(JOINTS)
-        self._fastest = np.zeros(JOINTS)
+        speed_change = limits.acceleration_rad_s2 * period_s
+        # From this far away a joint at full speed can still stop: T(v) ≤ v² / (2 a) + v h.
+        far = limits.velocity_rad_s * (limits.velocity_rad_s / (2.0 * limits.acceleration_rad_s2) + period_s)
+        self._joints = list(
+            zip(
+                limits.lower_rad.tolist(),
+                limits.upper_rad.tolist(),
+                limits.velocity_rad_s.tolist(),
+                speed_change.tolist(),
+                far.tolist(),
+                strict=True,
+            )
+        )
 
-    def at(self, q: FloatArray, v_previous: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Least and greatest velocity (7, rad/s) for the coming period; the box is never empty.
+    def at(self, q: list[float], v_previous: list[float]) -> tuple[list[float], list[float]]:
+        """Least and greatest velocity (7, rad/s) of each joint for the coming period; the box is never empty.
 
         q           (7) position now, rad
         v_previous  (7) velocity of the period that ends now, rad/s
         """
-        limits, room, whole, speed = self.limits, self._room, self._whole, self._speed
-        np.subtract(q, limits.lower_rad, out=room[0])
-        np.subtract(limits.upper_rad, q, out=room[1])
-        np.maximum(room, 0.0, out=room)
-
-        # n = floor((−1 + √(1 + 8 d / (a h²))) / 2)
-        np.multiply(room, self._inverse_knot, out=whole)
-        whole += 1.0
-        np.sqrt(whole, out=whole)
-        whole -= 1.0
-        whole *= 0.5
-        np.floor(whole, out=whole)
-        np.multiply(whole, self._half_step, out=speed)
-        whole += 1.0
-        whole *= self._period_s
-        room /= whole
-        speed += room
-        np.minimum(speed, limits.velocity_rad_s, out=speed)
-
-        np.subtract(v_previous, self._step, out=self._slowest)
-        np.add(v_previous, self._step, out=self._fastest)
-        lower, upper = self._lower, self._upper
-        np.negative(speed[0], out=lower)
-        np.minimum(np.maximum(lower, self._slowest, out=lower), self._fastest, out=lower)
-        np.minimum(np.maximum(speed[1], self._slowest, out=upper), self._fastest, out=upper)
+        lower = []
+        upper = []
+        for position, speed, (low, high, most, change, far) in zip(q, v_previous, self._joints, strict=True):
+            slowest = speed - change
+            fastest = speed + change
+            room = position - low
+            bound = -most if room >= far else -min(most, self._stoppable(room, change))
+            lower.append(slowest if bound < slowest else fastest if bound > fastest else bound)
+            room = high - position
+            bound = most if room >= far else min(most, self._stoppable(room, change))
+            upper.append(slowest if bound < slowest else fastest if bound > fastest else bound)
         return lower, upper
+
+    def _stoppable(self, room: float, change: float) -> float:
+        """Greatest v with T(v) ≤ room; zero outside the limit. `change` is a h."""
+        if room <= 0.0:
+            return 0.0
+        period_s = self._period_s
+        whole = int((sqrt(1.0 + 8.0 * room / (change * period_s)) - 1.0) / 2.0)
+        return room / ((whole + 1) * period_s) + 0.5 * change * whole
