@@ -1,0 +1,249 @@
+"""The installation: one `robot.toml` as frozen structs, SI units in the key names (design 6, 7).
+
+`controller/robot.toml` is the default installation, complete and simulated, and holds every default; a user's file is
+laid over it. A wrong key, unit or value is a ConfigurationError that names file, key, value and what is accepted.
+Frames: world z up; arm base = DH frame 0; wrist W = the tool plate; hand H. Arrays of seven are in joint order.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from calibration.toml_files import FieldError, from_document, load_document, merged
+from controller.pose import Pose
+
+DEFAULT_FILE = Path(__file__).with_name("robot.toml")
+
+Text = Annotated[str, Meta(min_length=1)]
+_Angle = Annotated[float, Meta(ge=-6.3, le=6.3)]
+_Rate = Annotated[float, Meta(gt=0, le=100)]
+_Amount = Annotated[float, Meta(ge=0, le=10000)]
+Angles = tuple[_Angle, _Angle, _Angle, _Angle, _Angle, _Angle, _Angle]
+Rates = tuple[_Rate, _Rate, _Rate, _Rate, _Rate, _Rate, _Rate]
+Amounts = tuple[_Amount, _Amount, _Amount, _Amount, _Amount, _Amount, _Amount]
+
+
+class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A table of the file; unknown keys are refused."""
+
+
+class ArmLimits(_Table, frozen=True):
+    """Joint limits (7). Without `lower_rad` and `upper_rad` the arm's own position limits hold."""
+
+    velocity_rad_s: Rates
+    acceleration_rad_s2: Rates
+    lower_rad: Angles | None = None
+    upper_rad: Angles | None = None
+
+    def __post_init__(self) -> None:
+        if (self.lower_rad is None) != (self.upper_rad is None):
+            raise FieldError("lower_rad" if self.lower_rad is None else "upper_rad", "both limits or neither")
+        if self.lower_rad is not None and self.upper_rad is not None:
+            for joint, (lower, upper) in enumerate(zip(self.lower_rad, self.upper_rad, strict=True)):
+                if not lower < upper:
+                    raise FieldError(f"lower_rad[{joint}]", f"a number below upper_rad[{joint}] = {upper}")
+
+
+class ArmGains(_Table, frozen=True):
+    """Joint position control: a preset, of which single rows can be replaced."""
+
+    preset: Literal["stiff", "libbarrett"]
+    kp_Nm_per_rad: Amounts | None = None
+    kd_Nms_per_rad: Amounts | None = None
+    ki_Nm_per_rad_s: Amounts | None = None
+
+
+class ArmFriction(_Table, frozen=True):
+    """Joint friction of the arm model (7). Without `viscous_Nms_per_rad` the arm's published one holds."""
+
+    coulomb_Nm: Amounts
+    viscous_Nms_per_rad: Amounts | None = None
+
+
+class Arm(_Table, frozen=True):
+    """The WAM and its bus; `base` is T_world_base, pose of DH frame 0 in the world."""
+
+    interface: Literal["seqpacket", "socketcan"]
+    channel: Text
+    base: Pose
+    limits: ArmLimits
+    gains: ArmGains
+    friction: ArmFriction
+
+
+class HandChoice(_Table, frozen=True):
+    """Which hand, and `mount`: T_wrist_hand, pose of the hand frame in the tool plate's."""
+
+    name: Text
+    preset: Text
+    mount: Pose
+    file: Text | None = None
+
+    @property
+    def source(self) -> str:
+        """What `load_hand` takes: the file where there is one, else the name."""
+        return self.file or self.name
+
+
+class TendonMotor(_Table, frozen=True):
+    """One tendon motor: address, direction, zero and calibrated load law (Dynamixel reference 1.3, 3)."""
+
+    id: Annotated[int, Meta(ge=0, le=252)]
+    tightening_sign: Literal[-1, 1]
+    zero_ticks: Annotated[int, Meta(ge=-1048575, le=1048575)]
+    spool_radius_m: Annotated[float, Meta(gt=0, le=0.1)]
+    torque_constant_Nm_per_A: Annotated[float, Meta(gt=0, le=20)]
+    friction_current_A: Annotated[float, Meta(ge=0, le=2)]
+
+
+class Tendons(_Table, frozen=True):
+    """The serial bus of the tendon motors."""
+
+    port: Text
+    baud: Annotated[int, Meta(ge=9600, le=4_500_000)]
+    poll_period_s: Annotated[float, Meta(ge=0.001, le=0.1)]
+    right: TendonMotor
+    left: TendonMotor
+
+    def __post_init__(self) -> None:
+        if self.right.id == self.left.id:
+            raise FieldError("left.id", f"another id than right.id = {self.right.id}")
+
+
+class Cycle(_Table, frozen=True):
+    """The cycle's pace and place: period, SCHED_FIFO priority (0 = ordinary scheduling), processor."""
+
+    period_s: Annotated[float, Meta(ge=0.001, le=0.02)]
+    priority: Annotated[int, Meta(ge=0, le=98)]
+    cpu: Annotated[int, Meta(ge=0, le=1023)] | None = None
+
+
+class Compensation(_Table, frozen=True):
+    """Which index drives the compensation, and the limits of the wrist's offset."""
+
+    enabled: bool
+    index: Literal["load", "excursion", "fused"]
+    max_offset_m: Annotated[float, Meta(gt=0, le=0.5)]
+    max_offset_rad: Annotated[float, Meta(gt=0, le=3.2)]
+    velocity_m_s: Annotated[float, Meta(gt=0, le=1)]
+    acceleration_m_s2: Annotated[float, Meta(gt=0, le=20)]
+    jerk_m_s3: Annotated[float, Meta(gt=0, le=10000)]
+    velocity_rad_s: Annotated[float, Meta(gt=0, le=5)]
+    acceleration_rad_s2: Annotated[float, Meta(gt=0, le=100)]
+    jerk_rad_s3: Annotated[float, Meta(gt=0, le=100000)]
+
+
+class Squeeze(_Table, frozen=True):
+    """Tendon load cap and the default winding profile (tendon excursion, m)."""
+
+    load_cap_N: Annotated[float, Meta(gt=0, le=300)]
+    closing_rate_m_s: Annotated[float, Meta(gt=0, le=0.05)]
+    squeeze_rate_m_s: Annotated[float, Meta(gt=0, le=0.05)]
+    acceleration_m_s2: Annotated[float, Meta(gt=0, le=10)]
+    jerk_m_s3: Annotated[float, Meta(gt=0, le=1000)]
+
+
+class Front(_Table, frozen=True):
+    """Where commands come in and the state goes out."""
+
+    command_endpoint: Text
+    state_endpoint: Text
+    state_rate_hz: Annotated[float, Meta(ge=1, le=500)]
+
+    def __post_init__(self) -> None:
+        for key, endpoint, accepted in (
+            ("command_endpoint", self.command_endpoint, COMMAND_ENDPOINTS),
+            ("state_endpoint", self.state_endpoint, STATE_ENDPOINTS),
+        ):
+            local_tcp = key == "state_endpoint" and endpoint.startswith("tcp://127.0.0.1:")
+            if not (endpoint.startswith("ipc:///") or local_tcp):
+                raise FieldError(key, accepted)
+
+
+COMMAND_ENDPOINTS = "ipc:// and an absolute path (commands over tcp need keys, which are not built yet)"
+STATE_ENDPOINTS = "ipc:// and an absolute path, or tcp://127.0.0.1:PORT"
+
+
+class Tables(_Table, frozen=True):
+    """Where motion tables are looked for by name."""
+
+    directory: Text
+
+
+class Recording(_Table, frozen=True):
+    """Whether and where every run is recorded."""
+
+    enabled: bool
+    directory: Text
+
+
+class RobotConfig(_Table, frozen=True):
+    """One installation."""
+
+    arm: Arm
+    hand: HandChoice
+    tendons: Tendons
+    cycle: Cycle
+    compensation: Compensation
+    squeeze: Squeeze
+    front: Front
+    tables: Tables
+    recorder: Recording
+
+    @property
+    def T_world_base(self) -> NDArray[np.float64]:
+        """Pose of the arm's DH frame 0 in the world, 4×4, m."""
+        return self.arm.base.matrix()
+
+    @property
+    def T_wrist_hand(self) -> NDArray[np.float64]:
+        """Pose of the hand frame in the tool plate's frame, 4×4, m."""
+        return self.hand.mount.matrix()
+
+
+def load_config(path: str | Path | None = None, overrides: Mapping[str, Any] | None = None) -> RobotConfig:
+    """The installation in the file `path`, laid over the default one; without `path` the default one.
+
+    `overrides`, nested like the file, are laid over both: what the command line decides. Raises ConfigurationError.
+    """
+    file = DEFAULT_FILE if path is None else Path(path)
+    document = load_document(DEFAULT_FILE)
+    if path is not None:
+        document = merged(document, load_document(file))
+    document = merged(document, overrides or {})
+    places = {"{runtime}": str(runtime_directory()), "{data}": str(data_directory())}
+    return from_document(_placed(document, places), RobotConfig, file)
+
+
+def runtime_directory() -> Path:
+    """Directory of sockets that live as long as the daemon; not created here."""
+    if systemd := os.environ.get("RUNTIME_DIRECTORY"):
+        return Path(systemd.split(":")[0])
+    if session := os.environ.get("XDG_RUNTIME_DIR"):
+        return Path(session) / "stillgrasp"
+    return Path(f"/tmp/stillgrasp-{os.getuid()}")
+
+
+def data_directory() -> Path:
+    """Directory of motion tables and recordings; not created here."""
+    if systemd := os.environ.get("STATE_DIRECTORY"):
+        return Path(systemd.split(":")[0])
+    data_home = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
+    return Path(data_home) / "stillgrasp"
+
+
+def _placed(value: Any, places: Mapping[str, str]) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _placed(item, places) for key, item in value.items()}
+    if isinstance(value, str):
+        for placeholder, place in places.items():
+            value = value.replace(placeholder, place)
+    return value
