@@ -24,7 +24,6 @@ from controller.service.link_transport import (
     LinkClosed,
     LinkError,
     LinkFull,
-    Packet,
     SocketLink,
     VirtualLink,
     socket_links,
@@ -92,7 +91,7 @@ class LatestSender:
 
 
 class LatestReader:
-    """Keeps the newest value. `missed` counts values that were sent and neither kept nor seen."""
+    """Keeps the newest value. `missed` counts the values that a full link dropped."""
 
     def __init__(self, link: Link, *, kind: int = 0, schema: int = SCHEMA) -> None:
         self.link = link
@@ -112,19 +111,27 @@ class LatestReader:
 
         Raises `LinkError` if the sender speaks another schema or sends another kind of message.
         """
-        last: Packet | None = None
+        self.new_values()
+        return self._newest
+
+    def new_values(self) -> list[tuple[bytes, int]]:
+        """Every (payload, sample_ns) that has arrived since the last call, oldest first: what a recorder wants.
+
+        Raises `LinkError` as `newest` does.
+        """
+        values: list[tuple[bytes, int]] = []
         while (packet := self.link.take()) is not None:
             for descriptor in packet.descriptors:
                 os.close(descriptor)
-            last = packet
-        if last is not None:
-            schema, kind, sequence, sample_ns = _header(last.data)
+            schema, kind, sequence, sample_ns = _header(packet.data)
             if schema != self._schema or kind != self._kind:
                 raise _mismatch("schema and kind", (schema, kind), (self._schema, self._kind))
             self.missed += (sequence - self._next_sequence) & 0xFFFFFFFF
             self._next_sequence = (sequence + 1) & 0xFFFFFFFF
-            self._newest = (last.data[_HEADER.size :], sample_ns)
-        return self._newest
+            values.append((packet.data[_HEADER.size :], sample_ns))
+        if values:
+            self._newest = values[-1]
+        return values
 
     def age_ns(self, now_ns: int) -> int | None:
         """Age of the newest value's sample at `now_ns`, ns; None before the first. Call `newest()` first."""
