@@ -1,0 +1,220 @@
+"""The MuJoCo model of the simulated world: arm, hand, object and support in one MJCF document.
+
+World frame: z up, gravity 9.81 m/s². Bodies: `base` (DH frame 0) … `tool` (wrist W) → `hand` (hand frame H) → fingers and spools;
+`object` free, its frame at the cylinder's centre with z along the axis. Only named pairs touch: each fingertip and the
+object, the object and the support; so friction is what is stated here, and no default of MuJoCo's mixes in.
+
+Fingertip and cylinder are a sphere and an upright cylinder: the arc on a disc of hand-mechanics reference 5, with a contact
+point that MuJoCo computes in closed form. Torsion about the contact normal has the friction of a line as long as the finger
+is wide; without it two point contacts would let the object swing about the line between them.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.hand.parameters import SIDES, Hand
+from calibration.objects.parameters import GraspObject
+from controller.simulation.world_arm import ArmImperfections, add_arm, text
+from controller.simulation.world_hand import FINGER_WIDTH_M, add_hand
+from drivers.errors import InputError
+from drivers.wam.parameters import JOINTS, WamParameters
+
+GRAVITY_M_S2 = 9.81
+TIP_FRICTION = 1.0
+DEFAULT_HEIGHT_M = 0.12
+SUPPORT_HALF_WIDTH_M = 0.15  # drawn size only: the plane carries the object wherever it goes
+
+
+@dataclass(frozen=True)
+class Imperfections:
+    """How the world differs from the nominal models. The defaults are rough hardware; `Imperfections.none()` is ideal."""
+
+    arm_coulomb_Nm: tuple[float, ...] = (1.5, 1.5, 0.8, 0.8, 0.2, 0.1, 0.05)
+    arm_viscous: bool = True
+    link_mass_spread: float = 0.03
+    """Largest relative error of a link's mass and inertia; drawn uniformly from the seed."""
+    gear_friction_Nm: float = 0.233
+    """Friction at a tendon motor's output shaft: 0.13 A × 1.79 N·m/A (dynamixel reference 3.1, 3.3)."""
+
+    @classmethod
+    def none(cls) -> Imperfections:
+        """No friction in arm and gears, exact masses."""
+        return cls((0.0,) * JOINTS, arm_viscous=False, link_mass_spread=0.0, gear_friction_Nm=0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Where things are when the world begins; 4×4 poses, joint angles of shape (7,) in rad."""
+
+    T_world_base: NDArray[np.float64]
+    T_wrist_hand: NDArray[np.float64]
+    T_world_object: NDArray[np.float64]
+    joint_rad: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class WorldModel:
+    """A compiled model and where its parts are: indices into MuJoCo's arrays, fingers in the order right, left."""
+
+    model: mujoco.MjModel
+    arm: slice
+    """Arm coordinates, the same in position and velocity; empty when the arm is welded."""
+    finger: NDArray[np.intp] = field(repr=False)
+    """Finger joints, (2, 2): finger, proximal and distal."""
+    spool: NDArray[np.intp] = field(repr=False)
+    tendon: NDArray[np.intp] = field(repr=False)
+    tip_geom: NDArray[np.intp] = field(repr=False)
+    object_geom: int
+    wrist_body: int
+    hand_body: int
+    object_body: int
+
+
+def build_world_model(
+    hand: Hand,
+    grasp_object: GraspObject,
+    arm_parameters: WamParameters,
+    placement: Placement,
+    *,
+    seed: int,
+    physics_period_s: float,
+    imperfections: Imperfections,
+    spool_radius_m: float,
+    hand_only: bool,
+) -> WorldModel:
+    """Write the MJCF document and compile it.
+
+    Raises InputError for a pose that cannot be, MechanicsError for a hand that cannot be simulated yet.
+    """
+    # Twice the step is the stiffest that MuJoCo's constraints may be; 0.9999 the hardest.
+    hard = {"solref": text((2 * physics_period_s, 1.0)), "solimp": "0.9999 0.9999 0.001 0.5 2"}
+    root = ElementTree.Element("mujoco", model="stillgrasp")
+    ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")
+    option = ElementTree.SubElement(
+        root,
+        "option",
+        timestep=repr(physics_period_s),
+        gravity=text((0.0, 0.0, -GRAVITY_M_S2)),
+        integrator="discrete",
+        solver="Newton",
+        cone="elliptic",
+        jacobian="dense",  # MuJoCo 4.0.0 factorises the sparse one wrongly (its issue 3767)
+        impratio="100",
+        iterations="50",
+        tolerance="1e-10",
+    )
+    ElementTree.SubElement(option, "flag", autoreset="disable")  # a world that diverges must say so, not start again
+    default = ElementTree.SubElement(root, "default")
+    ElementTree.SubElement(
+        default, "joint", solreffriction=hard["solref"], solimpfriction=hard["solimp"], solreflimit=hard["solref"]
+    )
+    ElementTree.SubElement(default, "geom", contype="0", conaffinity="0", mass="0")
+    worldbody = ElementTree.SubElement(root, "worldbody")
+    tendons = ElementTree.SubElement(root, "tendon")
+    contact = ElementTree.SubElement(root, "contact")
+
+    position, quaternion = mjcf_pose("T_world_base", placement.T_world_base)
+    base = ElementTree.SubElement(worldbody, "body", name="base", pos=position, quat=quaternion)
+    generator = np.random.default_rng(seed)
+    factors = 1.0 + imperfections.link_mass_spread * generator.uniform(-1.0, 1.0, JOINTS)
+    differences = ArmImperfections(
+        imperfections.arm_coulomb_Nm, tuple(float(factor) for factor in factors), imperfections.arm_viscous
+    )
+    tool = add_arm(base, arm_parameters, differences, placement.joint_rad if hand_only else None)
+    add_hand(
+        tool,
+        tendons,
+        hand,
+        pose=mjcf_pose("T_wrist_hand", placement.T_wrist_hand),
+        spool_radius_m=spool_radius_m,
+        gear_friction_Nm=imperfections.gear_friction_Nm,
+        hard=hard,
+        prescribed_spools=hand_only,
+    )
+    _add_object(worldbody, contact, grasp_object, placement.T_world_object, hard)
+    return _indexed(mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode")))
+
+
+def mjcf_pose(name: str, pose: NDArray[np.float64]) -> tuple[str, str]:
+    """Position and quaternion (wxyz) of a 4×4 pose as MJCF writes them. Raises InputError if it is not a rigid pose."""
+    rotation = pose[:3, :3]
+    if pose.shape != (4, 4) or not np.all(np.isfinite(pose)) or np.any(pose[3] != (0.0, 0.0, 0.0, 1.0)):
+        raise InputError(f"{name} is not a pose: expected a finite 4×4 matrix whose last row is 0 0 0 1.")
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0.0:
+        raise InputError(f"{name} has no rotation in its upper left 3×3: expected orthonormal, right-handed axes.")
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation).ravel())
+    return text(pose[:3, 3]), text(quaternion)
+
+
+def _add_object(
+    worldbody: ElementTree.Element,
+    contact: ElementTree.Element,
+    grasp_object: GraspObject,
+    T_world_object: NDArray[np.float64],
+    hard: dict[str, str],
+) -> None:
+    position, quaternion = mjcf_pose("T_world_object", T_world_object)
+    radius_m = grasp_object.shape.radius_m
+    height_m = grasp_object.height_m or DEFAULT_HEIGHT_M
+    mass_kg = grasp_object.mass_kg
+    across = mass_kg * (3 * radius_m**2 + height_m**2) / 12
+    body = ElementTree.SubElement(worldbody, "body", name="object", pos=position, quat=quaternion)
+    ElementTree.SubElement(body, "freejoint", name="object")
+    ElementTree.SubElement(
+        body,
+        "inertial",
+        pos="0 0 0",
+        mass=repr(mass_kg),
+        diaginertia=text((across, across, mass_kg * radius_m**2 / 2)),
+    )
+    ElementTree.SubElement(body, "geom", name="object", type="cylinder", size=text((radius_m, height_m / 2)))
+    torsion_m = TIP_FRICTION * FINGER_WIDTH_M / 4
+    for side in SIDES:
+        friction = text((TIP_FRICTION, TIP_FRICTION, torsion_m, 1e-6, 1e-6))
+        ElementTree.SubElement(
+            contact, "pair", hard, geom1=f"tip_{side}", geom2="object", condim="4", friction=friction
+        )
+    if grasp_object.support is None:
+        return
+    if abs(T_world_object[2, 2] - 1.0) > 1e-9:
+        raise InputError(
+            "T_world_object leans: an object on a support stands upright, z axes of object and world agree."
+        )
+    size = text((SUPPORT_HALF_WIDTH_M, SUPPORT_HALF_WIDTH_M, 0.01))
+    foot_m = T_world_object[:3, 3] - (0.0, 0.0, height_m / 2)
+    ElementTree.SubElement(worldbody, "geom", name="support", type="plane", size=size, pos=text(foot_m))
+    mu = grasp_object.support.friction
+    # No friction is frictionless contact (condim 1): MuJoCo has no cone of zero width.
+    friction = text((mu, mu, 1e-6, 1e-6, 1e-6)) if mu > 0.0 else text((1.0, 1.0, 1e-6, 1e-6, 1e-6))
+    condim = "3" if mu > 0.0 else "1"
+    ElementTree.SubElement(contact, "pair", hard, geom1="object", geom2="support", condim=condim, friction=friction)
+
+
+def _indexed(model: mujoco.MjModel) -> WorldModel:
+    def named(kind: mujoco.mjtObj, name: str) -> int:
+        return int(mujoco.mj_name2id(model, kind, name))
+
+    def degree_of_freedom(name: str) -> int:
+        return int(model.jnt_dofadr[named(mujoco.mjtObj.mjOBJ_JOINT, name)])
+
+    arm = slice(0, JOINTS if named(mujoco.mjtObj.mjOBJ_JOINT, "arm_1") >= 0 else 0)
+    # Every joint before the object's free joint is a hinge, so positions and velocities share their indices.
+    return WorldModel(
+        model=model,
+        arm=arm,
+        finger=np.array([[degree_of_freedom(f"{part}_{side}") for part in ("proximal", "distal")] for side in SIDES]),
+        spool=np.array([degree_of_freedom(f"spool_{side}") for side in SIDES]),
+        tendon=np.array([named(mujoco.mjtObj.mjOBJ_TENDON, f"tendon_{side}") for side in SIDES]),
+        tip_geom=np.array([named(mujoco.mjtObj.mjOBJ_GEOM, f"tip_{side}") for side in SIDES]),
+        object_geom=named(mujoco.mjtObj.mjOBJ_GEOM, "object"),
+        wrist_body=named(mujoco.mjtObj.mjOBJ_BODY, "tool"),
+        hand_body=named(mujoco.mjtObj.mjOBJ_BODY, "hand"),
+        object_body=named(mujoco.mjtObj.mjOBJ_BODY, "object"),
+    )
