@@ -1,0 +1,105 @@
+"""When a finger touches: where the free-closing line and the loaded line of load against excursion meet.
+
+A compliant hand does not stall at contact: its load only grows more steeply. Per finger, a line is fitted to the samples
+of free closing (its slope is known from the joint springs; its offset holds the constant part of the gear friction). Once
+the load stands clearly above that line, every further sample points back along the loaded slope to the meeting of the two
+lines, the excursion of first contact. The motion table gates the result: contact is expected near its contact excursion.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+
+@dataclass(frozen=True)
+class ContactSettings:
+    """Thresholds of the contact search."""
+
+    rise_N: float = 2.5  # above the free line before a finger counts as touching; several current counts of 0.46 N
+    samples: int = 4  # above it in a row
+    gate_m: float = 1.5e-3  # contact further than this from the table's is not this grasp
+    clear_m: float = 0.4e-3  # samples nearer to the table's contact than this are not fitted as free closing
+    minimum_free_samples: int = 8
+
+
+@dataclass(frozen=True)
+class FingerExpectation:
+    """What the motion table expects of one finger: finger-side excursion of first contact and the two slopes."""
+
+    contact_excursion_m: float
+    free_slope_N_per_m: float
+    loaded_slope_N_per_m: float
+
+
+class Touch(IntEnum):
+    """What a finger's load says."""
+
+    FREE = 0
+    TOUCHING = 1
+    EARLY = 2  # load rose long before the object was expected
+    MISSED = 3  # no load rise long after
+
+
+class FingerContact:
+    """Searches first contact of one finger while it winds in."""
+
+    def __init__(self, settings: ContactSettings, expected: FingerExpectation) -> None:
+        self._settings = settings
+        self._expected = expected
+        self._count = 0
+        self._offset_N = 0.0
+        self._above = 0
+        self._meeting_sum_m = 0.0
+        self._meetings = 0
+        self.touch = Touch.FREE
+
+    @property
+    def contact_excursion_m(self) -> float:
+        """Excursion of first contact, back-dated, m; the table's until contact was found."""
+        if self.touch is not Touch.TOUCHING or self._meetings == 0:
+            return self._expected.contact_excursion_m
+        return self._meeting_sum_m / self._meetings
+
+    @property
+    def onset_load_N(self) -> float:
+        """Measured load at contact, N: on the free line, so with the same constant friction as all winding samples."""
+        return self._offset_N + self._expected.free_slope_N_per_m * self.contact_excursion_m
+
+    def take(self, excursion_m: float, load_N: float) -> Touch:
+        """One sample of a winding finger (finger-side excursion, load); returns what is known now.
+
+        Samples that are not finite are ignored.
+        """
+        if not (math.isfinite(excursion_m) and math.isfinite(load_N)):
+            return self.touch
+        settings, expected = self._settings, self._expected
+        to_contact_m = excursion_m - expected.contact_excursion_m
+        residual_N = load_N - expected.free_slope_N_per_m * excursion_m
+        rise_N = residual_N - self._offset_N
+        if self._count < settings.minimum_free_samples or (to_contact_m < -settings.clear_m and rise_N < settings.rise_N):
+            self._fit(residual_N)
+            self._above = 0
+        elif rise_N >= settings.rise_N:
+            self._above += 1
+            if self._above >= settings.samples:
+                self._point_back(excursion_m, rise_N)
+        else:
+            self._above = 0
+        if self.touch is Touch.FREE and to_contact_m > settings.gate_m:
+            self.touch = Touch.MISSED
+        return self.touch
+
+    def _fit(self, residual_N: float) -> None:
+        """The free line's offset: a mean that forgets the start of winding (stiction, slack) over some 30 samples."""
+        self._count += 1
+        self._offset_N += (residual_N - self._offset_N) / min(self._count, 30)
+
+    def _point_back(self, excursion_m: float, rise_N: float) -> None:
+        expected = self._expected
+        meeting_m = excursion_m - rise_N / (expected.loaded_slope_N_per_m - expected.free_slope_N_per_m)
+        self._meeting_sum_m += meeting_m
+        self._meetings += 1
+        early = meeting_m < expected.contact_excursion_m - self._settings.gate_m
+        self.touch = Touch.EARLY if early else Touch.TOUCHING

@@ -1,0 +1,323 @@
+"""The 2 ms cycle, top to bottom.
+
+What may be touched where: `orders.py` decides what a command does, `grasping.py` how the hand winds and where the object
+goes, `arm_motion.py` where the arm is commanded to be, `safety.py` what ends it all. Here they only take turns. Nothing in
+this file or below it logs, starts a thread, or waits for anything but the bus.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calibration.motion_table import MotionTable
+from controller.cycle.arm_model import ArmModel
+from controller.cycle.arm_motion import ArmMotion
+from controller.cycle.compensation import STILL, OffsetSmoother
+from controller.cycle.grasp_state import ArmState
+from controller.cycle.grasping import Grasping, Outcome
+from controller.cycle.joint_control import JointControl
+from controller.cycle.orders import Orders
+from controller.cycle.pacer import Pacer
+from controller.cycle.safety import SafetyMonitor, governor
+from controller.messages import (
+    CYCLE_RECORD,
+    CommandKind,
+    CycleCommand,
+    CycleEvent,
+    EventKind,
+    HandState,
+    Reason,
+)
+from controller.service.links import LatestReader, LatestSender, OrderedReader, OrderedSender
+from drivers.clock import Clock, nanoseconds
+from drivers.errors import BusError, TableError
+from drivers.wam.arm import Arm, ArmSample
+from drivers.wam.safety_puck import ArmMode
+
+_ARM_STATES = {
+    ArmMode.OFFLINE: ArmState.OFFLINE,
+    ArmMode.ESTOP: ArmState.ESTOP,
+    ArmMode.IDLE: ArmState.IDLE,
+    ArmMode.ACTIVE: ArmState.ACTIVE,
+}
+
+
+@dataclass(frozen=True)
+class CycleLinks:
+    """The cycle's ends of its links."""
+
+    commands: OrderedReader
+    events: OrderedSender
+    records: LatestSender
+    hand_state: LatestReader
+    hand_set_point: LatestSender
+
+
+@dataclass(frozen=True)
+class CycleSettings:
+    """Times of the cycle."""
+
+    period_s: float = 0.002
+    reply_deadline_s: float = 0.0014  # from the request; seven replies take 0.61 to 0.68 ms on the wire
+    mode_poll_cycles: int = 25
+    speed_limit_m_s: float = 0.06  # of the object in the hand, above which the governor slows winding down
+    shutdown_idle_s: float = 0.6
+
+
+@dataclass
+class Parts:
+    """What the cycle is made of; `service/assembly.py` puts it together."""
+
+    arm: Arm
+    model: ArmModel
+    motion: ArmMotion
+    control: JointControl
+    grasping: Grasping
+    orders: Orders
+    smoother: OffsetSmoother
+    safety: SafetyMonitor
+    settings: CycleSettings = field(default_factory=CycleSettings)
+
+
+class Cycle:
+    """Runs one period a `step`."""
+
+    def __init__(
+        self, clock: Clock, links: CycleLinks, parts: Parts, processor_time_ns: Callable[[], int] = lambda: 0
+    ) -> None:
+        self._clock, self._links, self._parts = clock, links, parts
+        self._processor_time_ns = processor_time_ns
+        self._settings = parts.settings
+        self._reply_ns = nanoseconds(parts.settings.reply_deadline_s)
+        self.pacer = Pacer(clock, nanoseconds(parts.settings.period_s))
+        self.number = 0
+        self.finished = False
+        self._hand: HandState | None = None
+        self._hand_sample_ns = 0
+        self._waiting: CycleCommand | None = None
+        self._sample: ArmSample | None = None
+        self._torque = np.zeros(7)
+        self._governor = 1.0
+        self._record = CYCLE_RECORD.new()
+        self._cpu_us = 0.0
+        self._idle_deadline_ns: int | None = None
+        self._outcomes: list[Outcome] = parts.grasping.outcomes
+
+    def start(self) -> None:
+        """Find the arm and read it once; then `step` every period. Raises DeviceError."""
+        self._parts.arm.start()
+        self.pacer.restart()
+
+    def step(self) -> None:
+        """One period: ask for positions, think while they travel, check them, send torques."""
+        began_ns = self._processor_time_ns()
+        now_ns = self.pacer.begin()
+        try:
+            self._parts.arm.request_positions()
+            self._listen(now_ns)
+            self._grasp(now_ns)
+            self._move()
+            self._feel(now_ns)
+            self._act()
+        except BusError:
+            self._parts.orders.fail(Reason.BUS_FAILED)
+        self._tell(now_ns)
+        self.number += 1
+        self._cpu_us = (self._processor_time_ns() - began_ns) * 1e-3
+
+    def _listen(self, now_ns: int) -> None:
+        """Newest hand state and the commands due now."""
+        newest = self._links.hand_state.newest()
+        if newest is not None and newest[1] != self._hand_sample_ns:
+            payload, self._hand_sample_ns = newest
+            self._hand = HandState.unpack(payload)
+        self._parts.orders.hand = self._hand
+        while (command := self._next_command()) is not None:
+            reason = self._parts.orders.take(command)
+            accepted = reason is Reason.NONE
+            self._tell_event(EventKind.ACCEPTED if accepted else EventKind.REJECTED, command.token, reason, ())
+            self._tell_outcomes()
+        if self._links.commands.closed and not self._parts.orders.shutting_down:
+            self._parts.orders.take(CycleCommand(CommandKind.SHUTDOWN, 0))
+
+    def _grasp(self, now_ns: int) -> None:
+        """Wind, observe the index, look the object's motion up, smooth the opposite offset."""
+        parts = self._parts
+        grasping, smoother = parts.grasping, parts.smoother
+        set_point = grasping.step(self._hand, self._hand_sample_ns, now_ns, self._governor)
+        self._links.hand_set_point.send(set_point.pack(), now_ns)
+        if not (grasping.compensated and parts.orders.compensation):
+            self._governor = 1.0
+            if smoother.motion is not STILL:
+                smoother.reset()
+            return
+        offset = smoother.step(grasping.offset_target)
+        target = grasping.offset_target.pose
+        lag_m = ((target[0] - offset.pose[0]) ** 2 + (target[1] - offset.pose[1]) ** 2) ** 0.5
+        self._governor = governor(
+            lag_m, parts.motion.scale, grasping.full_rate_object_speed_m_s, self._settings.speed_limit_m_s
+        )
+        self._check(parts.safety.offset(grasping.offset_target, offset))
+
+    def _move(self) -> None:
+        """Commanded joint motion of this period; while the arm is not active, it is where it is measured."""
+        parts = self._parts
+        state = _ARM_STATES[parts.arm.mode]
+        if state is not parts.orders.arm_state:
+            self._change_arm_state(state)
+        if state is not ArmState.ACTIVE:
+            if self._sample is not None:
+                parts.motion.place(self._sample.joint_rad)
+            return
+        was_moving = parts.motion.moving
+        parts.motion.step(parts.smoother.motion, 0.0 if parts.orders.stopping else 1.0)
+        if was_moving and (not parts.motion.moving or parts.motion.stop()):
+            parts.orders.finish_arm_path()
+
+    def _feel(self, now_ns: int) -> None:
+        """Positions of this period, and whether all is plausible."""
+        parts = self._parts
+        self._sample = sample = parts.arm.collect_positions(now_ns + self._reply_ns)
+        if self.number % self._settings.mode_poll_cycles == 0:
+            parts.arm.poll_safety_mode()
+        self._check(parts.safety.replies(sample.complete))
+        if parts.orders.arm_state is ArmState.ACTIVE:
+            self._check(parts.safety.tracking(sample.joint_rad, parts.motion.joint_rad))
+            self._check(parts.safety.residual(parts.control.feedback_Nm))
+        if parts.grasping.compensated:
+            age_s = (now_ns - self._hand_sample_ns) * 1e-9 if self._hand is not None else None
+            fault = self._hand.fault if self._hand is not None else None
+            if fault is not None:
+                self._check(parts.safety.hand(age_s, fault))
+
+    def _act(self) -> None:
+        """Torques: the model's for the commanded motion plus feedback; gravity alone while the arm is not active."""
+        parts, motion, sample = self._parts, self._parts.motion, self._sample
+        assert sample is not None
+        if parts.orders.arm_state is ArmState.ACTIVE:
+            self._torque = parts.control.torque(
+                sample.joint_rad,
+                sample.sample_ns,
+                motion.joint_rad,
+                motion.joint_velocity_rad_s,
+                motion.joint_acceleration_rad_s2,
+            )
+        else:
+            parts.control.reset(sample.joint_rad)
+            self._torque = parts.model.gravity(sample.joint_rad)
+        parts.arm.write_torques(self._torque)
+        if parts.orders.shutting_down and not motion.moving:
+            self._go_idle()
+
+    def _change_arm_state(self, state: ArmState) -> None:
+        orders, parts = self._parts.orders, self._parts
+        was_active = orders.arm_state is ArmState.ACTIVE
+        orders.arm_state = state
+        if state is ArmState.ACTIVE and self._sample is not None:
+            parts.motion.place(self._sample.joint_rad)
+            parts.control.reset(self._sample.joint_rad)
+            parts.safety.reset()
+        elif was_active and not orders.shutting_down:
+            orders.drop_arm_path(Reason.ARM_IDLED)
+            if parts.grasping.compensated:
+                orders.fail(Reason.ARM_IDLED)
+
+    def _check(self, reason: Reason) -> None:
+        if reason is not Reason.NONE and self._parts.orders.fault is Reason.NONE:
+            self._parts.orders.fail(reason)
+
+    def _go_idle(self) -> None:
+        """The end: ask the safety puck for idle, and stop when it is there or has had its time."""
+        now_ns = self._clock.now_ns()
+        if self._idle_deadline_ns is None:
+            self._idle_deadline_ns = now_ns + nanoseconds(self._settings.shutdown_idle_s)
+            if self._parts.arm.mode is ArmMode.ACTIVE:
+                self._parts.arm.request_idle()
+        self._parts.arm.poll_safety_mode()
+        if self._parts.arm.mode is not ArmMode.ACTIVE or now_ns > self._idle_deadline_ns:
+            idle = self._parts.arm.mode is not ArmMode.ACTIVE
+            self._tell_event(EventKind.STOPPED, 0, Reason.NONE if idle else Reason.ARM_SILENT, ())
+            self.finished = True
+
+    def _next_command(self) -> CycleCommand | None:
+        """The next command that is due; tables are taken here because their memory travels beside the message."""
+        while True:
+            command, self._waiting = self._waiting, None
+            if command is None:
+                message = self._links.commands.receive()
+                if message is None:
+                    return None
+                command = CycleCommand.unpack(message.payload)
+                if command.kind is CommandKind.LOAD_TABLE:
+                    self._take_table(command, message.descriptors)
+                    continue
+            if command.effective_cycle > self.number:
+                self._waiting = command
+                return None
+            return command
+
+    def _take_table(self, command: CycleCommand, descriptors: tuple[int, ...]) -> None:
+        try:
+            reason = self._parts.grasping.use_table(MotionTable.from_memfd(descriptors[0]))
+        except (TableError, IndexError):
+            reason = Reason.NO_TABLE
+        accepted = reason is Reason.NONE
+        self._tell_event(EventKind.ACCEPTED if accepted else EventKind.REJECTED, command.token, reason, ())
+        if accepted:
+            self._tell_event(EventKind.COMPLETED, command.token, reason, ())
+
+    def _tell_event(self, kind: EventKind, token: int, reason: Reason, values: tuple[float, ...]) -> None:
+        event = CycleEvent(kind, token, self.number, reason, values)
+        self._links.events.send(event.pack(), self._clock.now_ns())
+
+    def _tell_outcomes(self) -> None:
+        for outcome in self._outcomes:
+            self._tell_event(outcome.kind, outcome.token, outcome.reason, outcome.values)
+        self._outcomes.clear()
+
+    def _tell(self, now_ns: int) -> None:
+        """Events of this period and one record of all that was seen and commanded."""
+        if self._outcomes:
+            self._tell_outcomes()
+        parts, record, at = self._parts, self._record, CYCLE_RECORD.slices
+        motion, grasping = parts.motion, parts.grasping
+        record[0:4] = self.number, self.pacer.missed, self.pacer.late_ns * 1e-3, self._cpu_us
+        record[4:10] = (
+            parts.orders.arm_state,
+            grasping.hand_status,
+            grasping.phase,
+            parts.orders.fault,
+            parts.orders.compensation,
+            grasping.index_kind,
+        )
+        if self._sample is not None:
+            record[at["joint_rad"]] = self._sample.joint_rad
+            record[at["can_replies"]] = self._sample.replies
+        record[at["joint_command_rad"]] = motion.joint_rad
+        record[at["joint_command_rad_s"]] = motion.joint_velocity_rad_s
+        record[at["joint_torque_Nm"]] = self._torque
+        record[at["wrist_plan_xyz_m"]] = motion.T_world_wrist_plan[:3, 3]
+        record[at["wrist_xyz_m"]] = motion.wrist_target_xyz_m
+        record[at["offset_target"]] = grasping.offset_target.pose
+        record[at["offset"]] = parts.smoother.motion.pose
+        record[at["offset_rate"]] = parts.smoother.motion.rate
+        record[at["inverse_kinematics_scale"]] = motion.scale
+        record[at["governor"]] = self._governor
+        record[at["winding_m"]] = grasping.winding.position_m
+        record[at["winding_rate_m_s"]] = grasping.winding.rate_m_s
+        reading = grasping.reading
+        if reading is not None:
+            record[at["index_mean_m"]] = reading.mean_m
+            record[at["index_difference_m"]] = reading.difference_m
+            record[at["index_rate_m_s"]] = reading.rate_m_s
+            record[at["load_index_N"]] = reading.load_N
+            record[at["predicted_motion"]] = reading.motion.pose
+            record[at["table_status"]] = reading.status
+        if self._hand is not None:
+            record[at["hand_excursion_m"]] = self._hand.excursion_m
+            record[at["hand_tension_N"]] = self._hand.tension_N
+            record[at["hand_age_us"]] = (now_ns - self._hand_sample_ns) * 1e-3
+        self._links.records.send(record.tobytes(), now_ns)

@@ -1,0 +1,304 @@
+"""The grasp in the cycle: it winds the tendons, finds contact, and says where the object is going in the hand.
+
+The winding coordinate w is the mean excursion since the contact that the motion table expects, negative before it. Before
+contact each finger goes its own share of its own way, so that both arrive together; from contact on both wind at equal rate.
+When either motor reaches its load cap, or the table its end, both stop and hold their excursions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from calibration.motion_table import MotionTable, TableStatus
+from controller.cycle.compensation import STILL, PlanarMotion, hand_offset
+from controller.cycle.contact import ContactSettings, FingerContact, FingerExpectation, Touch
+from controller.cycle.grasp_state import COMPENSATED, GRIPPING, GraspEvent, GraspPhase, HandStatus, next_phase
+from controller.cycle.motion_index import IndexReading, IndexSettings, MotionIndex
+from controller.cycle.winding import WindingLimits, WindingProfile
+from controller.messages import CompensationIndex, EventKind, HandMode, HandSetPoint, HandState, Pair, Reason
+
+
+@dataclass(frozen=True)
+class GraspSettings:
+    """Rates of winding and thresholds of contact."""
+
+    closing_rate_m_s: float = 0.012
+    contact_rate_m_s: float = 0.002  # near the expected contact: slow enough to find it within a few samples
+    contact_zone_m: float = 1.5e-3
+    search_end_m: float = 0.5e-3  # contact is given up this far past the expected one
+    release_rate_m_s: float = 0.010
+    load_cap_N: float = 110.0
+    free_load_cap_N: float = 60.0  # while closing nothing should resist; also the cap of an open hand
+    winding: WindingLimits = WindingLimits()
+    contact: ContactSettings = ContactSettings()
+    index: IndexSettings = IndexSettings()
+
+
+@dataclass
+class Outcome:
+    """Something to tell the front about a command."""
+
+    kind: EventKind
+    token: int
+    reason: Reason = Reason.NONE
+    values: tuple[float, ...] = field(default_factory=tuple)
+
+
+class Grasping:
+    """Phase, winding and index of the grasp under way."""
+
+    def __init__(self, period_s: float, settings: GraspSettings) -> None:
+        self._period_s = period_s
+        self._settings = settings
+        self._profile = WindingProfile(period_s, settings.winding)
+        self._index: MotionIndex | None = None
+        self._fingers: tuple[FingerContact, FingerContact] | None = None
+        self._token = 0
+        self._searching = False
+        self._opening = False
+        self._last_sample_ns = -1
+        self._stop_reason: Reason | None = None
+        self._set_point = HandSetPoint((0.0, 0.0), (settings.free_load_cap_N,) * 2)
+        self.phase = GraspPhase.NONE
+        self.table: MotionTable | None = None
+        self.index_kind = CompensationIndex.EXCURSION
+        self.reading: IndexReading | None = None
+        self.offset_target: PlanarMotion = STILL
+        self.winding = self._profile.state
+        self.outcomes: list[Outcome] = []
+
+    @property
+    def compensated(self) -> bool:
+        """Whether the table is in force: from the beginning of closing (contact may come any moment) to release."""
+        return self.phase in COMPENSATED or self.phase is GraspPhase.FAULT
+
+    @property
+    def gripping(self) -> bool:
+        """Whether the fingers are, or may be, on an object."""
+        return self.phase in GRIPPING
+
+    @property
+    def hand_status(self) -> HandStatus:
+        """The hand's own state."""
+        return HandStatus.GRIPPING if self.gripping else HandStatus.OPEN
+
+    @property
+    def full_rate_object_speed_m_s(self) -> float:
+        """Speed of the object in the hand if the profile ran unthrottled, m/s."""
+        if self.reading is None or self.winding.rate_m_s == 0.0:
+            return 0.0
+        vx, vy, _ = self.reading.motion.rate
+        return float((vx * vx + vy * vy) ** 0.5)
+
+    def use_table(self, table: MotionTable) -> Reason:
+        """Take a table, only while nothing is gripped; any preposition for another table is void."""
+        if self.compensated:
+            return Reason.WRONG_PHASE
+        self.table = table
+        self.phase = GraspPhase.NONE
+        return Reason.NONE
+
+    def enter(self, event: GraspEvent) -> Reason:
+        """Change phase, or say that this cannot happen now."""
+        following = next_phase(self.phase, event, gripping=self.gripping)
+        if following is None:
+            return Reason.WRONG_PHASE
+        self.phase = following
+        return Reason.NONE
+
+    def close(self, token: int, hand: HandState, rate_m_s: float | None = None) -> Reason:
+        """Begin to close on the object."""
+        table = self.table
+        if table is None:
+            return Reason.NO_TABLE
+        if (reason := self.enter(GraspEvent.CLOSE)) is not Reason.NONE:
+            return reason
+        settings = self._settings
+        self._index = MotionIndex(table, self._period_s, settings.index)
+        self._index.start(hand)
+        right, left = (self._expectation(table, finger) for finger in (0, 1))
+        self._fingers = (FingerContact(settings.contact, right), FingerContact(settings.contact, left))
+        start_m = 0.5 * (hand.excursion_m[0] + hand.excursion_m[1]) - self._mean_contact_m(table)
+        self._profile.place(min(start_m, 0.0))
+        rate = settings.closing_rate_m_s if rate_m_s is None else rate_m_s
+        self._profile.move(min(-settings.contact_zone_m, 0.0), rate_m_s=rate)
+        self._token, self._searching, self._stop_reason = token, False, None
+        self._opening = False
+        return Reason.NONE
+
+    def squeeze(self, token: int, mean_excursion_m: float, load_N: float, duration_s: float) -> Reason:
+        """Wind on to the mean excursion since contact at which the table has the mean load `load_N`."""
+        table, index = self.table, self._index
+        if table is None or index is None:
+            return Reason.NO_TABLE
+        if load_N > self._settings.load_cap_N:
+            return Reason.LOAD_ABOVE_CAP
+        if not table.at_excursion(mean_excursion_m, 0.0).status.usable:
+            return Reason.OUTSIDE_TABLE
+        if not self._profile.finished:
+            return Reason.BUSY
+        if (reason := self.enter(GraspEvent.SQUEEZE)) is not Reason.NONE:
+            return reason
+        self._profile.move(mean_excursion_m + index.mean_shift_m, duration_s=duration_s)
+        self._token, self._stop_reason = token, None
+        return Reason.NONE
+
+    def hold(self) -> Reason:
+        """Stop winding where it is and hold the excursions."""
+        if (reason := self.enter(GraspEvent.HOLD)) is not Reason.NONE:
+            return reason
+        self._halt(Reason.STOPPED_BY_COMMAND)
+        return Reason.NONE
+
+    def release(self, token: int) -> Reason:
+        """Unwind to open; the compensation runs backwards in place."""
+        table = self.table
+        if table is None:
+            return Reason.NO_TABLE
+        if (reason := self.enter(GraspEvent.RELEASE)) is not Reason.NONE:
+            return reason
+        self._end_token(EventKind.FAILED, Reason.SUPERSEDED)
+        self._profile.place(self._profile.state.position_m)
+        self._profile.move(-self._mean_contact_m(table), rate_m_s=self._settings.release_rate_m_s)
+        self._token, self._searching, self._stop_reason = token, False, None
+        return Reason.NONE
+
+    def open(self) -> None:
+        """Let the hand process pay out whatever it holds; for when no grasp is under way."""
+        self._opening = True
+
+    def fail(self, reason: Reason) -> None:
+        """A fault: keep the object. Winding ends here and now; the hand process freezes both excursions."""
+        self._end_token(EventKind.FAILED, reason)
+        self.enter(GraspEvent.FAULT)
+        if self.reading is not None and self._index is not None:
+            self._profile.place(self.reading.mean_m + self._index.mean_shift_m)
+
+    def step(self, hand: HandState | None, sample_ns: int, now_ns: int, throttle: float) -> HandSetPoint:
+        """One period: wind, observe, look up; returns what the hand shall do."""
+        if not self.compensated or self.table is None or self._index is None or hand is None:
+            self.offset_target = STILL
+            self.reading = None
+            # Whatever the motors hold when the daemon starts, they go on holding: only release and open let go.
+            mode = HandMode.OPEN if self._opening else HandMode.FREEZE
+            self._set_point = HandSetPoint((0.0, 0.0), (self._settings.free_load_cap_N,) * 2, mode)
+            return self._set_point
+        self.winding = self._profile.step(0.0 if self._stop_reason is not None else throttle)
+        is_winding = self.winding.rate_m_s > 1e-6
+        if sample_ns > self._last_sample_ns:
+            self._last_sample_ns = sample_ns
+            self._index.take(hand, sample_ns, now_ns, winding=is_winding)
+            self._watch_load(hand)
+            if self.phase is GraspPhase.CLOSING and is_winding:
+                self._search(self.table, hand)
+        self.reading = self._index.advance(self.winding, self.index_kind, winding=is_winding)
+        self._aim(self.table, self.reading)
+        self._finish(hand)
+        return self._drive(self.table)
+
+    def _aim(self, table: MotionTable, reading: IndexReading) -> None:
+        """The wanted hand offset; outside the table the last one stands: nothing is extrapolated."""
+        if reading.status.usable:
+            motion = reading.motion
+            x, y, _, _, _, angle = table.contact_pose
+            self.offset_target = hand_offset((x, y, angle), motion.pose, motion.rate, motion.acceleration)
+        else:
+            self.offset_target = PlanarMotion(self.offset_target.pose, STILL.rate, STILL.acceleration)
+            if reading.status is TableStatus.OUTSIDE and self.phase is GraspPhase.SQUEEZING:
+                self._halt(Reason.TABLE_END_REACHED)
+
+    def _drive(self, table: MotionTable) -> HandSetPoint:
+        """Excursion set-points, spool-side, of the winding coordinate."""
+        w = self.winding.position_m
+        contact = table.contact_excursion_m
+        share = 1.0 + min(w, 0.0) / self._mean_contact_m(table)
+        beyond = max(w, 0.0)
+        compliance = table.tendon_compliance_m_per_N
+        tension = table.at_excursion(beyond, 0.0).planar_tension if compliance > 0.0 else (0.0, 0.0)
+        right = (contact[0] + tension[0] * compliance) * share + beyond
+        left = (contact[1] + tension[1] * compliance) * share + beyond
+        mode = HandMode.FREEZE if self.phase is GraspPhase.FAULT else HandMode.TRACK
+        self._set_point = HandSetPoint((right, left), (self._settings.load_cap_N,) * 2, mode)
+        return self._set_point
+
+    def _search(self, table: MotionTable, hand: HandState) -> None:
+        """Feed both fingers' contact search; both touching is contact."""
+        assert self._fingers is not None
+        assert self._index is not None
+        compliance = table.tendon_compliance_m_per_N
+        right, left = (
+            finger.take(hand.excursion_m[i] - hand.tension_N[i] * compliance, hand.tension_N[i])
+            for i, finger in enumerate(self._fingers)
+        )
+        if right is Touch.EARLY or left is Touch.EARLY:
+            self._give_up(Reason.CONTACT_UNEXPECTED)
+        elif right is Touch.TOUCHING and left is Touch.TOUCHING:
+            found: Pair = (self._fingers[0].contact_excursion_m, self._fingers[1].contact_excursion_m)
+            self._index.set_contact(found, (self._fingers[0].onset_load_N, self._fingers[1].onset_load_N))
+            self.enter(GraspEvent.CONTACT_FOUND)
+            self._stop_reason = Reason.NONE
+            self._end_token(EventKind.COMPLETED, Reason.NONE, (*found, *table.contact_excursion_m))
+
+    def _give_up(self, reason: Reason) -> None:
+        """Open again and stay before the object."""
+        assert self.table is not None
+        self._end_token(EventKind.FAILED, reason)
+        self.enter(GraspEvent.CLOSING_FAILED)
+        self._opening = True
+
+    def _watch_load(self, hand: HandState) -> None:
+        if self.phase is GraspPhase.SQUEEZING and max(hand.tension_N) >= self._settings.load_cap_N:
+            self._halt(Reason.LOAD_CAP_REACHED)
+
+    def _halt(self, reason: Reason) -> None:
+        if self._stop_reason is None:
+            self._stop_reason = reason
+
+    def _finish(self, hand: HandState) -> None:
+        """What comes when the profile has ended or a halt has come to rest."""
+        ended = self._profile.end_if_standing() if self._stop_reason is not None else self._profile.finished
+        if not ended:
+            return
+        reason, self._stop_reason = self._stop_reason or Reason.NONE, None
+        self.winding = self._profile.state
+        if self.phase is GraspPhase.CLOSING:
+            if not self._searching:
+                self._searching = True
+                self._profile.move(self._settings.search_end_m, rate_m_s=self._settings.contact_rate_m_s)
+            else:
+                assert self._fingers is not None
+                touching = sum(finger.touch is Touch.TOUCHING for finger in self._fingers)
+                self._give_up(Reason.ONE_SIDED_CONTACT if touching else Reason.NO_CONTACT)
+        elif self.phase is GraspPhase.SQUEEZING:
+            self.enter(GraspEvent.SQUEEZED)
+            assert self._index is not None
+            assert self.reading is not None
+            values = (self.reading.mean_m, self._index.measured_load_N(hand), self.reading.load_N)
+            self._end_token(EventKind.COMPLETED, reason, values)
+        elif self.phase is GraspPhase.HOLDING and self._token:
+            self._end_token(EventKind.FAILED, reason)
+        elif self.phase is GraspPhase.RELEASING:
+            self.enter(GraspEvent.RELEASED)
+            self._opening = True
+            self._end_token(EventKind.COMPLETED, Reason.NONE)
+
+    def _end_token(self, kind: EventKind, reason: Reason, values: tuple[float, ...] = ()) -> None:
+        if self._token:
+            self.outcomes.append(Outcome(kind, self._token, reason, values))
+            self._token = 0
+
+    @staticmethod
+    def _mean_contact_m(table: MotionTable) -> float:
+        contact = table.contact_excursion_m
+        return 0.5 * (contact[0] + contact[1])
+
+    @staticmethod
+    def _expectation(table: MotionTable, finger: int) -> FingerExpectation:
+        """Slopes of the free-closing and the loaded line of one finger, the latter over the first 0.2 mm past contact."""
+        near, far = table.at_excursion(0.0, 0.0).planar_tension, table.at_excursion(2e-4, 0.0).planar_tension
+        return FingerExpectation(
+            table.contact_excursion_m[finger],
+            table.free_closing_stiffness_N_per_m[finger],
+            (far[finger] - near[finger]) / 2e-4,
+        )
+

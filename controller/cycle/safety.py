@@ -1,0 +1,98 @@
+"""Limits and plausibility: what ends a motion, as pure checks over numbers the cycle has anyway.
+
+Each check answers `Reason.NONE` or the reason to stop; what is done about it is the cycle's business: the hand freezes both
+excursions, the arm stops along its path and holds, or goes idle if it cannot.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.cycle.compensation import PlanarMotion
+from controller.messages import HandFault, Reason
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SafetyLimits:
+    """Bands beyond which the cycle stops."""
+
+    tracking_error_rad: tuple[float, ...] = (0.08, 0.08, 0.1, 0.1, 0.2, 0.2, 0.25)
+    torque_residual_Nm: tuple[float, ...] = (25.0, 25.0, 15.0, 15.0, 4.0, 4.0, 1.2)
+    residual_time_s: float = 0.02
+    silent_cycles: int = 5  # of incomplete position replies in a row (WAM reference 4.6)
+    hand_age_s: float = 0.1  # dynamixel reference 5.4: dead above 100 ms
+    offset_m: float = 0.06
+    offset_rad: float = 0.6
+    offset_lag_m: float = 0.003
+    front_silence_s: float = 1.0
+
+
+class SafetyMonitor:
+    """Keeps the few counters that the checks need."""
+
+    def __init__(self, limits: SafetyLimits, period_s: float) -> None:
+        self._limits = limits
+        self._tracking = np.array(limits.tracking_error_rad)
+        self._band = np.array(limits.torque_residual_Nm)
+        self._residual_cycles = max(1, round(limits.residual_time_s / period_s))
+        self._over_band = np.zeros(7, dtype=np.int64)
+        self._silent = 0
+
+    def reset(self) -> None:
+        """Forget what was counted, at activation."""
+        self._over_band[:] = 0
+        self._silent = 0
+
+    def replies(self, complete: bool) -> Reason:
+        """Position replies of this cycle."""
+        self._silent = 0 if complete else self._silent + 1
+        return Reason.ARM_SILENT if self._silent >= self._limits.silent_cycles else Reason.NONE
+
+    def tracking(self, joint_rad: Array, command_rad: Array) -> Reason:
+        """Measured against commanded joint angles (7, rad)."""
+        error = np.abs(joint_rad - command_rad)
+        return Reason.TRACKING_ERROR if (error > self._tracking).any() else Reason.NONE
+
+    def residual(self, torque_residual_Nm: Array) -> Reason:
+        """Feedback part of the joint torque (7, N·m): what the model cannot explain."""
+        over = np.abs(torque_residual_Nm) > self._band
+        self._over_band += 1
+        self._over_band *= over
+        return Reason.COLLISION if self._over_band.max() >= self._residual_cycles else Reason.NONE
+
+    def hand(self, age_s: float | None, fault: HandFault) -> Reason:
+        """Age of the newest hand sample and what the hand process says is wrong."""
+        if fault & HandFault.TORQUE_LOST:
+            return Reason.HAND_TORQUE_LOST
+        if fault & HandFault.HARDWARE:
+            return Reason.HAND_HARDWARE
+        if age_s is None or age_s > self._limits.hand_age_s or fault & (HandFault.BUS_LOST | HandFault.NO_REPLY):
+            return Reason.HAND_SILENT
+        return Reason.NONE
+
+    def offset(self, target: PlanarMotion, offset: PlanarMotion) -> Reason:
+        """Size of the hand offset and how far it lags behind its target."""
+        limits = self._limits
+        x, y, angle = target.pose
+        if x * x + y * y > limits.offset_m**2 or abs(angle) > limits.offset_rad:
+            return Reason.OFFSET_LIMIT
+        dx, dy = x - offset.pose[0], y - offset.pose[1]
+        return Reason.OFFSET_LAG if dx * dx + dy * dy > limits.offset_lag_m**2 else Reason.NONE
+
+
+def governor(
+    lag_m: float, scale: float, object_speed_m_s: float, speed_limit_m_s: float, *, free_m: float = 3e-4, stop_m: float = 1e-3
+) -> float:
+    """Fraction of the winding rate that the arm can bear, 0 to 1.
+
+    `lag_m` is how far the arm's offset is behind, `scale` the inverse kinematics' own s, `object_speed_m_s` the speed at
+    which full-rate winding would move the object in the hand.
+    """
+    by_lag = min(max((stop_m - lag_m) / (stop_m - free_m), 0.0), 1.0)
+    by_speed = 1.0 if object_speed_m_s <= speed_limit_m_s else speed_limit_m_s / object_speed_m_s
+    return min(by_lag, by_speed, scale)

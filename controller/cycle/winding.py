@@ -1,0 +1,173 @@
+"""Winding the tendons: the profile, the governor's throttle, and the observer that tells how far they are.
+
+The cycle owns the winding. A jerk-limited one-dimensional profile runs over the *mean excursion since first contact*
+(negative before it); the hand process only follows. Time along the profile is the profile's own: the governor slows it
+down, up to a standstill, without a corner in position, velocity or acceleration.
+
+Sampled motor data are never differentiated into targets. The observer takes the commanded profile through the
+identified motor lag and corrects it slowly by the measured index, so index, rate and acceleration are smooth.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import ruckig
+
+from controller.cycle.path_time import ThrottledTime
+from drivers.errors import InputError
+
+
+class _Trajectory(Protocol):
+    duration: float
+
+    def at_time(self, time: float) -> tuple[list[float], list[float], list[float]]: ...
+
+
+@dataclass(frozen=True)
+class WindingLimits:
+    """Limits of the mean excursion."""
+
+    rate_m_s: float = 0.020
+    acceleration_m_s2: float = 0.10
+    jerk_m_s3: float = 2.0
+
+
+class WindingState(NamedTuple):
+    """Mean excursion since first contact with its rate and acceleration."""
+
+    position_m: float
+    rate_m_s: float
+    acceleration_m_s2: float
+
+
+class WindingProfile:
+    """A jerk-limited move of the mean excursion that can be slowed down along its way."""
+
+    def __init__(self, period_s: float, limits: WindingLimits, throttle_time_s: float = 0.03) -> None:
+        self._limits = limits
+        self._time = ThrottledTime(period_s, throttle_time_s)
+        self._trajectory: _Trajectory | None = None
+        self.state = WindingState(0.0, 0.0, 0.0)
+
+    @property
+    def finished(self) -> bool:
+        """Whether the profile has come to its end (or there is none)."""
+        return self._trajectory is None
+
+    def place(self, position_m: float) -> None:
+        """Stand at `position_m`; forget any move."""
+        self._trajectory = None
+        self.state = WindingState(position_m, 0.0, 0.0)
+
+    def move(self, target_m: float, *, rate_m_s: float | None = None, duration_s: float | None = None) -> None:
+        """Start a move from standing here to standing at `target_m`, lasting at least `duration_s`.
+
+        Raises InputError if a value is not finite or a move is still under way.
+        """
+        rate_limit = self._limits.rate_m_s if rate_m_s is None else min(rate_m_s, self._limits.rate_m_s)
+        if not (math.isfinite(target_m) and rate_limit > 0.0):
+            raise InputError(f"winding to {target_m} m at {rate_m_s} m/s is not possible; expected finite values > 0.")
+        if self._trajectory is not None:
+            raise InputError("a winding move is under way; stop it before the next.")
+        request = ruckig.InputParameter(1)
+        request.current_position = [self.state.position_m]
+        request.target_position = [target_m]
+        request.max_velocity = [rate_limit]
+        request.max_acceleration = [self._limits.acceleration_m_s2]
+        request.max_jerk = [self._limits.jerk_m_s3]
+        if duration_s is not None:
+            request.minimum_duration = duration_s
+        trajectory = ruckig.Trajectory(1)
+        ruckig.Ruckig(1).calculate(request, trajectory)
+        self._trajectory = trajectory
+        self._time.start()
+
+    def step(self, throttle: float) -> WindingState:
+        """One period further. `throttle` in [0, 1] is the fraction of the profile's own speed that the arm can bear."""
+        if self._trajectory is None:
+            return self.state
+        time_s, speed, speed_rate = self._time.step(throttle)
+        position, rate, acceleration = self._trajectory.at_time(min(time_s, self._trajectory.duration))
+        if time_s >= self._trajectory.duration:
+            self.place(position[0])
+        else:
+            self.state = WindingState(
+                position[0], rate[0] * speed, acceleration[0] * speed * speed + rate[0] * speed_rate
+            )
+        return self.state
+
+    def end_if_standing(self) -> bool:
+        """Forget what is left of a move that the throttle has brought to rest; True if nothing moves any more."""
+        if self._trajectory is not None and self._time.standing:
+            self.place(self.state.position_m)
+        return self._trajectory is None
+
+
+@dataclass(frozen=True)
+class ObserverSettings:
+    """Identified motor lag, and how fast measured samples correct the model."""
+
+    lag_s: float = 0.02
+    bandwidth_rad_s: float = 25.0
+
+
+class IndexObserver:
+    """Index, rate and acceleration from the commanded profile, slowly corrected by measured samples.
+
+    model     x_m = the commanded profile through a first-order lag
+    residual  r   = measured − model: an α-β filter estimates it and its drift, so a steady drift (the motors' position
+                    loop giving way under growing tension) leaves no error
+    """
+
+    def __init__(self, period_s: float, settings: ObserverSettings) -> None:
+        self._period_s = period_s
+        self._lag_s = settings.lag_s
+        self._blend = 1.0 - math.exp(-period_s / settings.lag_s)
+        self._alpha_rate = 2.0 * settings.bandwidth_rad_s
+        self._beta_rate = settings.bandwidth_rad_s**2
+        self._last_sample_ns: int | None = None
+        self.reset(0.0)
+
+    def reset(self, measured_m: float) -> None:
+        """Start standing at the measured index, m."""
+        self._model_m = measured_m
+        self._model_rate_m_s = 0.0
+        self._model_acceleration_m_s2 = 0.0
+        self._residual_m = 0.0
+        self._residual_rate_m_s = 0.0
+        self._last_sample_ns = None
+
+    def advance(self, command: WindingState) -> WindingState:
+        """The index one period later, for the commanded profile state of this period."""
+        keep = 1.0 - self._blend
+        self._model_m = keep * self._model_m + self._blend * command.position_m
+        self._model_rate_m_s = keep * self._model_rate_m_s + self._blend * command.rate_m_s
+        self._model_acceleration_m_s2 = (
+            keep * self._model_acceleration_m_s2 + self._blend * command.acceleration_m_s2
+        )
+        self._residual_m += self._residual_rate_m_s * self._period_s
+        return self.state
+
+    @property
+    def state(self) -> WindingState:
+        """Index since contact m, its rate and acceleration, now."""
+        return WindingState(
+            self._model_m + self._residual_m,
+            self._model_rate_m_s + self._residual_rate_m_s,
+            self._model_acceleration_m_s2,
+        )
+
+    def correct(self, measured_m: float, sample_ns: int, now_ns: int) -> None:
+        """Take in a new sample, measured at `sample_ns`; a sample seen before changes nothing."""
+        if self._last_sample_ns is not None and sample_ns <= self._last_sample_ns:
+            return
+        interval_s = 0.0 if self._last_sample_ns is None else min((sample_ns - self._last_sample_ns) * 1e-9, 0.02)
+        self._last_sample_ns = sample_ns
+        index = self.state
+        expected_m = index.position_m - index.rate_m_s * (now_ns - sample_ns) * 1e-9
+        error_m = measured_m - expected_m
+        self._residual_m += min(self._alpha_rate * interval_s, 0.5) * error_m
+        self._residual_rate_m_s += min(self._beta_rate * interval_s, 10.0) * error_m

@@ -1,0 +1,284 @@
+"""What the processes say to each other: fixed binary payloads, one a message.
+
+The links of `controller/service/links.py` put schema number, sequence and the monotonic time of the sample in front
+of these payloads and carry them whole. Finger order everywhere: right, left. SI units.
+
+    hand  → cycle   HandState      latest value     cycle → hand    HandSetPoint   latest value
+    front → cycle   CycleCommand   ordered          cycle → front   CycleEvent     ordered
+                                                    cycle → front   CYCLE_RECORD   latest value, every cycle
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, field
+from enum import IntEnum, IntFlag
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import ProtocolError
+
+Pair = tuple[float, float]
+
+
+class HandMode(IntEnum):
+    """What the hand process does with the motors."""
+
+    TRACK = 0  # follow the excursion set-points under the load cap
+    FREEZE = 1  # hold both excursions where they are, under the holding cap: the reaction to a fault
+    OPEN = 2  # pay out to the open position
+
+
+class HandFault(IntFlag):
+    """What is wrong with the tendon motors; 0 = nothing."""
+
+    NONE = 0
+    NO_REPLY = 1
+    HARDWARE = 2
+    TORQUE_LOST = 4
+    BUS_LOST = 8
+
+
+@dataclass(frozen=True)
+class HandState:
+    """Newest sample of the two tendons. Excursions are spool-side, from the calibrated zero, positive = pulled in."""
+
+    excursion_m: Pair
+    rate_m_s: Pair
+    tension_N: Pair
+    current_A: Pair
+    mode: HandMode = HandMode.TRACK
+    fault: HandFault = HandFault.NONE
+
+    _LAYOUT = struct.Struct("<8dII")
+
+    def pack(self) -> bytes:
+        return self._LAYOUT.pack(
+            *self.excursion_m, *self.rate_m_s, *self.tension_N, *self.current_A, self.mode, self.fault
+        )
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> HandState:
+        e0, e1, r0, r1, t0, t1, c0, c1, mode, fault = _unpack(cls._LAYOUT, payload, cls.__name__)
+        return cls((e0, e1), (r0, r1), (t0, t1), (c0, c1), HandMode(mode), HandFault(fault))
+
+
+@dataclass(frozen=True)
+class HandSetPoint:
+    """Where the tendons shall be, and how hard they may pull."""
+
+    excursion_m: Pair
+    load_cap_N: Pair
+    mode: HandMode = HandMode.TRACK
+
+    _LAYOUT = struct.Struct("<4dI")
+
+    def pack(self) -> bytes:
+        return self._LAYOUT.pack(*self.excursion_m, *self.load_cap_N, self.mode)
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> HandSetPoint:
+        e0, e1, cap0, cap1, mode = _unpack(cls._LAYOUT, payload, cls.__name__)
+        return cls((e0, e1), (cap0, cap1), HandMode(mode))
+
+
+class CommandKind(IntEnum):
+    """What the front may ask of the cycle. `values` of each kind in brackets."""
+
+    STOP = 1
+    FAULT_CLEAR = 2
+    SHUTDOWN = 3
+    ARM_HOLD = 4
+    MOVE_JOINTS = 5  # [joint_rad × 7, speed fraction]
+    MOVE_WRIST = 6  # [T_world_wrist: xyz_m, quaternion wxyz; speed fraction]
+    PREPOSITION = 7  # [T_world_wrist: xyz_m, quaternion wxyz; speed fraction]
+    CLOSE = 8  # [rate_m_s]
+    SQUEEZE = 9  # [mean excursion since contact m, mean load N, duration_s]
+    HOLD = 10
+    RELEASE = 11
+    OPEN = 12
+    SET_COMPENSATION = 13  # [enabled, index]
+    LOAD_TABLE = 14  # the table's memfd travels with the message
+
+
+class CompensationIndex(IntEnum):
+    """What the motion table is looked up with."""
+
+    EXCURSION = 0
+    LOAD = 1
+    FUSED = 2
+
+
+COMMAND_VALUES: Final = 9
+
+
+@dataclass(frozen=True)
+class CycleCommand:
+    """One validated command; `token` comes back in every event about it. Takes effect in cycle `effective_cycle` or,
+    if that is past, in the cycle that receives it."""
+
+    kind: CommandKind
+    token: int
+    values: tuple[float, ...] = ()
+    effective_cycle: int = 0
+
+    _LAYOUT = struct.Struct(f"<IIqq{COMMAND_VALUES}d")
+
+    def pack(self) -> bytes:
+        padded = (*self.values, *([0.0] * (COMMAND_VALUES - len(self.values))))
+        return self._LAYOUT.pack(self.kind, len(self.values), self.token, self.effective_cycle, *padded)
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> CycleCommand:
+        kind, count, token, effective_cycle, *values = _unpack(cls._LAYOUT, payload, cls.__name__)
+        return cls(CommandKind(kind), token, tuple(values[:count]), effective_cycle)
+
+
+class EventKind(IntEnum):
+    """What the cycle tells about a command (token > 0) or of itself (token 0)."""
+
+    ACCEPTED = 1
+    REJECTED = 2
+    PROGRESS = 3
+    COMPLETED = 4
+    FAILED = 5
+    FAULT = 6
+    STOPPED = 7
+
+
+class Reason(IntEnum):
+    """Why a command was refused or failed, or what the fault is. Texts: `controller/reasons.py`."""
+
+    NONE = 0
+    ARM_NOT_ACTIVE = 1
+    WRONG_PHASE = 2
+    BUSY = 3
+    NO_TABLE = 4
+    OUTSIDE_TABLE = 5
+    LOAD_ABOVE_CAP = 6
+    JOINT_LIMIT = 7
+    SUPERSEDED = 8
+    STOPPED_BY_COMMAND = 9
+    NO_CONTACT = 20
+    ONE_SIDED_CONTACT = 21
+    CONTACT_UNEXPECTED = 22
+    LOAD_CAP_REACHED = 23
+    TABLE_END_REACHED = 24
+    ARM_SILENT = 40
+    ARM_IDLED = 41
+    ARM_JUMP = 42
+    TRACKING_ERROR = 43
+    COLLISION = 44
+    OFFSET_LIMIT = 45
+    OFFSET_LAG = 46
+    HAND_SILENT = 50
+    HAND_HARDWARE = 51
+    HAND_TORQUE_LOST = 52
+    LEFT_TABLE = 53
+    FRONT_LOST = 54
+    BUS_FAILED = 55
+    INTERNAL = 60
+
+
+EVENT_VALUES: Final = 8
+
+
+@dataclass(frozen=True)
+class CycleEvent:
+    """What happened to the command `token` (0: to the cycle itself) in cycle `cycle`."""
+
+    kind: EventKind
+    token: int
+    cycle: int
+    reason: Reason = Reason.NONE
+    values: tuple[float, ...] = ()
+
+    _LAYOUT = struct.Struct(f"<IIIIqq{EVENT_VALUES}d")
+
+    def pack(self) -> bytes:
+        padded = (*self.values, *([0.0] * (EVENT_VALUES - len(self.values))))
+        return self._LAYOUT.pack(self.kind, self.reason, len(self.values), 0, self.token, self.cycle, *padded)
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> CycleEvent:
+        kind, reason, count, _, token, cycle, *values = _unpack(cls._LAYOUT, payload, cls.__name__)
+        return cls(EventKind(kind), token, cycle, Reason(reason), tuple(values[:count]))
+
+
+@dataclass(frozen=True)
+class RecordLayout:
+    """A flat record of float64 with named slices: written in place by the cycle, read by name in the front."""
+
+    fields: tuple[tuple[str, int], ...]
+    slices: dict[str, slice] = field(init=False)
+    length: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        slices: dict[str, slice] = {}
+        start = 0
+        for name, count in self.fields:
+            slices[name] = slice(start, start + count)
+            start += count
+        object.__setattr__(self, "slices", slices)
+        object.__setattr__(self, "length", start)
+
+    def new(self) -> NDArray[np.float64]:
+        """An empty record, shape (length,)."""
+        return np.zeros(self.length)
+
+    def read(self, payload: bytes) -> dict[str, float | list[float]]:
+        """The record as name → value or list of values."""
+        if len(payload) != 8 * self.length:
+            raise ProtocolError("link", f"a cycle record has {len(payload)} bytes; expected {8 * self.length}.")
+        values: list[float] = np.frombuffer(payload).tolist()
+        return {
+            name: values[self.slices[name]] if count > 1 else values[self.slices[name].start]
+            for name, count in self.fields
+        }
+
+
+CYCLE_RECORD: Final = RecordLayout(
+    (
+        ("cycle", 1),
+        ("missed_periods", 1),
+        ("late_us", 1),
+        ("cpu_us", 1),
+        ("arm_state", 1),
+        ("hand_state", 1),
+        ("grasp_phase", 1),
+        ("reason", 1),
+        ("compensation_enabled", 1),
+        ("compensation_index", 1),
+        ("joint_rad", 7),
+        ("joint_command_rad", 7),
+        ("joint_command_rad_s", 7),
+        ("joint_torque_Nm", 7),
+        ("wrist_xyz_m", 3),
+        ("wrist_plan_xyz_m", 3),
+        ("offset_target", 3),
+        ("offset", 3),
+        ("offset_rate", 3),
+        ("inverse_kinematics_scale", 1),
+        ("governor", 1),
+        ("winding_m", 1),
+        ("winding_rate_m_s", 1),
+        ("index_mean_m", 1),
+        ("index_difference_m", 1),
+        ("index_rate_m_s", 1),
+        ("load_index_N", 1),
+        ("predicted_motion", 3),
+        ("table_status", 1),
+        ("hand_excursion_m", 2),
+        ("hand_tension_N", 2),
+        ("hand_age_us", 1),
+        ("can_replies", 1),
+    )
+)
+
+
+def _unpack(layout: struct.Struct, payload: bytes, name: str) -> tuple[Any, ...]:
+    if len(payload) != layout.size:
+        raise ProtocolError("link", f"a {name} has {len(payload)} bytes; expected {layout.size}.")
+    return layout.unpack(payload)

@@ -1,0 +1,103 @@
+"""Each `Reason` in words: a stable code for programs, what happened, and what to do about it."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+from controller.messages import Reason
+from drivers.errors import CommandError
+
+
+class Explanation(NamedTuple):
+    """Why something was refused, failed or stopped."""
+
+    code: str
+    message: str
+    help: str
+
+
+EXPLANATIONS: Final[dict[Reason, Explanation]] = {
+    Reason.NONE: Explanation("none", "Nothing is wrong.", ""),
+    Reason.ARM_NOT_ACTIVE: Explanation(
+        "arm_not_active", "The arm is not active.", "Press Shift-Idle, then Shift-Activate on the pendant."
+    ),
+    Reason.WRONG_PHASE: Explanation(
+        "wrong_phase", "The grasp's present phase does not allow this.", "See grasp.phase in `status`."
+    ),
+    Reason.BUSY: Explanation("busy", "A motion is under way.", "Wait for its completion, or send `stop` first."),
+    Reason.NO_TABLE: Explanation("no_table", "No motion table is loaded.", "Send `table.load` first."),
+    Reason.OUTSIDE_TABLE: Explanation(
+        "outside_table",
+        "The motion table does not reach that far.",
+        "Ask for less load, or build the table further; nothing is extrapolated.",
+    ),
+    Reason.LOAD_ABOVE_CAP: Explanation(
+        "load_above_cap", "The load is above the load cap.", "Stay below squeeze.load_cap_N of robot.toml."
+    ),
+    Reason.JOINT_LIMIT: Explanation("joint_limit", "A joint would leave its range.", "Choose another pose."),
+    Reason.SUPERSEDED: Explanation("superseded", "A later command took its place.", ""),
+    Reason.STOPPED_BY_COMMAND: Explanation("stopped", "It was stopped by a command.", ""),
+    Reason.NO_CONTACT: Explanation(
+        "no_contact", "The fingers closed without touching anything.", "Check where the object is; the hand opened again."
+    ),
+    Reason.ONE_SIDED_CONTACT: Explanation(
+        "one_sided_contact", "Only one finger touched.", "The object stands off the hand's axis; the hand opened again."
+    ),
+    Reason.CONTACT_UNEXPECTED: Explanation(
+        "contact_unexpected",
+        "A finger touched long before the motion table expects it.",
+        "Another object, or another place, than the table is for; the hand opened again.",
+    ),
+    Reason.LOAD_CAP_REACHED: Explanation(
+        "load_cap_reached", "A tendon came to its load cap first; both stopped.", "The excursion reached is reported."
+    ),
+    Reason.TABLE_END_REACHED: Explanation(
+        "table_end_reached", "The motion table's end came first; both tendons stopped.", "The excursion is reported."
+    ),
+    Reason.ARM_SILENT: Explanation(
+        "arm_silent",
+        "Position replies of the arm are missing.",
+        "Check power, E-stop and the CAN bus; then `fault.clear`.",
+    ),
+    Reason.ARM_IDLED: Explanation(
+        "arm_idled",
+        "The arm went idle while an object was held.",
+        "The hand still holds. Activate the arm again, then `fault.clear`.",
+    ),
+    Reason.ARM_JUMP: Explanation("arm_jump", "A position jumped implausibly.", "Check the encoder of that motor."),
+    Reason.TRACKING_ERROR: Explanation(
+        "tracking_error", "A joint is too far from where it was commanded.", "Something blocks the arm, or the gains are low."
+    ),
+    Reason.COLLISION: Explanation(
+        "collision", "Joint torques are beyond what the model explains: a collision.", "Free the arm, then `fault.clear`."
+    ),
+    Reason.OFFSET_LIMIT: Explanation(
+        "offset_limit", "The compensating offset would exceed its limit.", "Check table and hand against each other."
+    ),
+    Reason.OFFSET_LAG: Explanation(
+        "offset_lag", "The compensating offset cannot keep up.", "Squeeze more slowly, or raise compensation limits."
+    ),
+    Reason.HAND_SILENT: Explanation(
+        "hand_silent", "No fresh sample of the tendon motors.", "Check the hand's power and serial line."
+    ),
+    Reason.HAND_HARDWARE: Explanation("hand_hardware", "A tendon motor reports a hardware error.", "Read its error bits."),
+    Reason.HAND_TORQUE_LOST: Explanation(
+        "hand_torque_lost",
+        "A tendon motor let go: the object may have been dropped.",
+        "Secure the object before rebooting the motor.",
+    ),
+    Reason.LEFT_TABLE: Explanation("left_table", "The grasp left the motion table.", "Release and grasp again."),
+    Reason.FRONT_LOST: Explanation("front_lost", "The front process is gone.", "Start the daemon again."),
+    Reason.BUS_FAILED: Explanation(
+        "bus_failed",
+        "The CAN bus takes no frames. The pucks apply their last torque until the safety puck's heartbeat.",
+        "Keep clear of the arm; press E-stop; check the adapter.",
+    ),
+    Reason.INTERNAL: Explanation("internal", "An internal error.", "Please report it with the recording."),
+}
+
+
+def as_error(reason: Reason) -> CommandError:
+    """The reason as the error of a refused or failed command."""
+    explanation = EXPLANATIONS[reason]
+    return CommandError(explanation.code, explanation.message, help=explanation.help)

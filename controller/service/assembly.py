@@ -1,0 +1,141 @@
+"""Puts the parts together from the configuration: the same for the processes and for virtual time."""
+
+from __future__ import annotations
+
+from calibration.hand.parameters import Hand, load_hand
+from controller.config import RobotConfig, TendonMotor
+from controller.cycle.arm_model import ArmFriction, ArmModel, RigidBody
+from controller.cycle.arm_motion import ArmMotion, ArmMotionLimits
+from controller.cycle.compensation import OffsetLimits, OffsetSmoother, WristOffset
+from controller.cycle.cycle import CycleSettings, Parts
+from controller.cycle.grasping import Grasping, GraspSettings
+from controller.cycle.inverse_kinematics import DifferentialInverseKinematics
+from controller.cycle.joint_bounds import JointLimits
+from controller.cycle.joint_control import LIBBARRETT_GAINS, STIFF_GAINS, JointControl, JointGains
+from controller.cycle.orders import Orders
+from controller.cycle.safety import SafetyLimits, SafetyMonitor
+from controller.cycle.winding import WindingLimits
+from controller.messages import CompensationIndex
+from controller.service.hand import HandSettings
+from drivers.clock import Clock
+from drivers.dynamixel.load_law import LoadLaw
+from drivers.dynamixel.tendons import MotorSettings
+from drivers.wam.arm import Arm
+from drivers.wam.bus import CanBus
+from drivers.wam.parameters import load_wam_parameters
+
+INDEX_NAMES = {
+    "excursion": CompensationIndex.EXCURSION,
+    "load": CompensationIndex.LOAD,
+    "fused": CompensationIndex.FUSED,
+}
+
+
+def configured_hand(config: RobotConfig) -> Hand:
+    """The hand that the installation names."""
+    return load_hand(config.hand.source, preset=config.hand.preset)
+
+
+def arm_model(config: RobotConfig, hand: Hand) -> ArmModel:
+    """The arm as mounted, with the hand's body on it."""
+    parameters = load_wam_parameters()
+    friction = config.arm.friction
+    viscous = friction.viscous_Nms_per_rad or tuple(float(v) for v in parameters.joint_viscous_friction_Nms_per_rad)
+    body: RigidBody = hand.body
+    return ArmModel(
+        hand=body,
+        T_wrist_hand=config.T_wrist_hand,
+        T_world_base=config.T_world_base,
+        parameters=parameters,
+        friction=ArmFriction(viscous, friction.coulomb_Nm),
+    )
+
+
+def cycle_parts(config: RobotConfig, bus: CanBus, clock: Clock) -> Parts:
+    """Everything that runs in the cycle."""
+    parameters = load_wam_parameters()
+    hand = configured_hand(config)
+    model = arm_model(config, hand)
+    period_s = config.cycle.period_s
+    arm_limits, compensation, squeeze = config.arm.limits, config.compensation, config.squeeze
+    limits = JointLimits(
+        arm_limits.lower_rad or parameters.joint_lower_rad,
+        arm_limits.upper_rad or parameters.joint_upper_rad,
+        arm_limits.velocity_rad_s,
+        arm_limits.acceleration_rad_s2,
+    )
+    kinematics = DifferentialInverseKinematics(model, limits, period_s, parameters.home_rad)
+    path_limits = ArmMotionLimits(
+        joint_velocity_rad_s=arm_limits.velocity_rad_s,
+        joint_acceleration_rad_s2=tuple(0.8 * a for a in arm_limits.acceleration_rad_s2),
+        joint_jerk_rad_s3=tuple(8.0 * a for a in arm_limits.acceleration_rad_s2),
+    )
+    motion = ArmMotion(model, kinematics, WristOffset(config.T_wrist_hand), period_s, path_limits)
+    grasping = Grasping(
+        period_s,
+        GraspSettings(
+            closing_rate_m_s=squeeze.closing_rate_m_s,
+            load_cap_N=squeeze.load_cap_N,
+            winding=WindingLimits(
+                max(squeeze.closing_rate_m_s, squeeze.squeeze_rate_m_s), squeeze.acceleration_m_s2, squeeze.jerk_m_s3
+            ),
+        ),
+    )
+    grasping.index_kind = INDEX_NAMES[compensation.index]
+    orders = Orders(motion, grasping)
+    orders.compensation = compensation.enabled
+    offset_limits = OffsetLimits(
+        (compensation.velocity_m_s,) * 2 + (compensation.velocity_rad_s,),
+        (compensation.acceleration_m_s2,) * 2 + (compensation.acceleration_rad_s2,),
+        (compensation.jerk_m_s3,) * 2 + (compensation.jerk_rad_s3,),
+    )
+    return Parts(
+        arm=Arm(bus, clock, parameters),
+        model=model,
+        motion=motion,
+        control=JointControl(model, _gains(config)),
+        grasping=grasping,
+        orders=orders,
+        smoother=OffsetSmoother(period_s, offset_limits),
+        safety=SafetyMonitor(
+            SafetyLimits(offset_m=compensation.max_offset_m, offset_rad=compensation.max_offset_rad), period_s
+        ),
+        settings=CycleSettings(period_s=period_s),
+    )
+
+
+def tendon_motors(config: RobotConfig) -> tuple[MotorSettings, MotorSettings]:
+    """Settings of both tendon motors, right and left."""
+    return _motor(config.tendons.right), _motor(config.tendons.left)
+
+
+def hand_settings(config: RobotConfig) -> HandSettings:
+    """How the hand process runs."""
+    return HandSettings(period_s=config.tendons.poll_period_s, opening_rate_m_s=config.squeeze.closing_rate_m_s)
+
+
+def _motor(motor: TendonMotor) -> MotorSettings:
+    law = LoadLaw(
+        torque_constant_Nm_per_A=motor.torque_constant_Nm_per_A,
+        friction_current_A=motor.friction_current_A,
+        spool_radius_m=motor.spool_radius_m,
+    )
+    return MotorSettings(
+        motor_id=motor.id,
+        tightening_sign=motor.tightening_sign,
+        zero_ticks=motor.zero_ticks,
+        spool_radius_m=motor.spool_radius_m,
+        load_law=law,
+    )
+
+
+def _gains(config: RobotConfig) -> JointGains:
+    chosen = config.arm.gains
+    preset = STIFF_GAINS if chosen.preset == "stiff" else LIBBARRETT_GAINS
+    return JointGains(
+        chosen.kp_Nm_per_rad or preset.kp,
+        chosen.ki_Nm_per_rad_s or preset.ki,
+        chosen.kd_Nms_per_rad or preset.kd,
+        preset.integral_limit_Nm,
+        preset.resting_band_rad,
+    )

@@ -1,0 +1,103 @@
+"""The hand process: owns the serial bus of the tendon motors and goes as fast as it is told to poll.
+
+It follows the cycle's set-points. Without a fresh one it freezes: both excursions stay where they are, under the holding
+cap. It adopts motors that already hold when it starts, and never opens the hand on its own, neither in a fault nor on exit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from controller.cycle.pacer import Pacer
+from controller.messages import HandFault, HandMode, HandSetPoint, HandState, Pair
+from controller.service.links import LatestReader, LatestSender
+from drivers.clock import Clock, nanoseconds
+from drivers.dynamixel.tendons import TendonPair, TendonSample, TendonSetPoint
+from drivers.errors import BusError
+
+
+@dataclass(frozen=True)
+class HandSettings:
+    """How the hand process paces itself, and when it no longer believes the cycle."""
+
+    period_s: float = 0.0025
+    set_point_age_s: float = 0.1
+    opening_rate_m_s: float = 0.012
+    missed_for_fault: int = 10
+
+
+class HandPart:
+    """Exchanges set-points and samples with the motors, one transaction a step."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        tendons: TendonPair,
+        set_points: LatestReader,
+        states: LatestSender,
+        settings: HandSettings,
+    ) -> None:
+        self._clock = clock
+        self._tendons = tendons
+        self._set_points = set_points
+        self._states = states
+        self._settings = settings
+        self.pacer = Pacer(clock, nanoseconds(settings.period_s))
+        self._goal_m: Pair = (0.0, 0.0)
+        self._mode = HandMode.FREEZE
+        self._last: TendonSample | None = None
+
+    def start(self) -> None:
+        """Find both motors and adopt what they hold. Raises DeviceError."""
+        self._tendons.start()
+        self._last = self._tendons.exchange()
+        self._goal_m = self._last.excursion_m
+        self.pacer.restart()
+
+    def step(self) -> None:
+        """One transaction: the newest set-point out, a sample in, the state published."""
+        set_point = self._aim(self.pacer.begin())
+        fault = HandFault.NONE
+        try:
+            self._last = self._tendons.exchange(set_point)
+            fault = self._judge(self._last)
+        except BusError:
+            fault = HandFault.BUS_LOST
+        if self._last is not None:
+            self._publish(self._last, fault)
+
+    def _aim(self, now_ns: int) -> TendonSetPoint | None:
+        """What to ask of the motors; None leaves their goals as they are, which is how a hand is frozen."""
+        newest = self._set_points.newest()
+        if newest is None:
+            return None
+        payload, sample_ns = newest
+        wanted = HandSetPoint.unpack(payload)
+        stale = self._set_points.closed or now_ns - sample_ns > nanoseconds(self._settings.set_point_age_s)
+        self._mode = HandMode.FREEZE if stale else wanted.mode
+        if self._mode is HandMode.FREEZE:
+            return None
+        if self._mode is HandMode.TRACK:
+            self._goal_m = wanted.excursion_m
+        else:
+            step_m = self._settings.opening_rate_m_s * self._settings.period_s
+            self._goal_m = (_towards_zero(self._goal_m[0], step_m), _towards_zero(self._goal_m[1], step_m))
+        return TendonSetPoint(self._goal_m, wanted.load_cap_N)
+
+    def _judge(self, sample: TendonSample) -> HandFault:
+        if sample.missed >= self._settings.missed_for_fault:
+            return HandFault.NO_REPLY
+        if any(sample.hardware_error) or not all(sample.torque_on):
+            # A tripped motor lets go of its tendon (dynamixel reference 6.2): the object may have been dropped.
+            return HandFault.HARDWARE | HandFault.TORQUE_LOST
+        return HandFault.NONE
+
+    def _publish(self, sample: TendonSample, fault: HandFault) -> None:
+        state = HandState(
+            sample.excursion_m, sample.rate_m_s, sample.tension_N, sample.current_A, self._mode, fault
+        )
+        self._states.send(state.pack(), sample.sample_ns)
+
+
+def _towards_zero(value: float, step: float) -> float:
+    return 0.0 if abs(value) <= step else value - step if value > 0.0 else value + step

@@ -1,0 +1,67 @@
+"""What stands in front of the simulated robot: which object, where, and how the arm stands when all begins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.hand.parameters import Hand
+from calibration.objects.parameters import load_object
+from controller.config import RobotConfig, TendonMotor
+from controller.simulation.world import World
+from drivers.simulated.dynamixel import SimulatedMotors, SimulatedMotorSettings
+from drivers.simulated.wam import SimulatedWam
+from drivers.wam.parameters import load_wam_parameters
+
+READY_RAD = (0.0, -0.9, 0.0, 2.6, 0.0, -0.2, 0.0)
+"""A pose clear of everything, elbow up, from which the demo starts."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """An object (name or file) whose section's centre stands at `object_xyz_m`, turned by `object_yaw_rad`, on its own
+    support; the arm stands at `joint_rad` (7, rad). `seed` draws the arm's imperfections."""
+
+    object: str = "cylinder40"
+    object_xyz_m: tuple[float, float, float] = (0.62, 0.0, 0.45)
+    object_yaw_rad: float = 0.0
+    joint_rad: tuple[float, ...] = READY_RAD
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Devices:
+    """A world with the simulated devices in front of it."""
+
+    world: World
+    wam: SimulatedWam
+    motors: SimulatedMotors
+
+
+def build_devices(config: RobotConfig, hand: Hand, scene: Scene, *, start_ns: int = 0, zeroed: bool = True) -> Devices:
+    """World, arm and tendon motors for one scene. `zeroed`: the pucks remember the arm's positions."""
+    parameters = load_wam_parameters()
+    cos, sin = np.cos(scene.object_yaw_rad), np.sin(scene.object_yaw_rad)
+    T_world_object = np.array([[cos, -sin, 0, 0], [sin, cos, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], dtype=np.float64)
+    T_world_object[:3, 3] = scene.object_xyz_m
+    world = World(
+        hand,
+        load_object(scene.object),
+        parameters,
+        T_world_base=config.T_world_base,
+        T_wrist_hand=config.T_wrist_hand,
+        T_world_object=T_world_object,
+        joint_rad=scene.joint_rad,
+        seed=scene.seed,
+        spool_radius_m=config.tendons.right.spool_radius_m,
+        start_ns=start_ns,
+    )
+    motors = SimulatedMotors(world, (_mounted(config.tendons.right), _mounted(config.tendons.left)))
+    period_s = world.physics_period_ns * 1e-9
+    world.call_before_each_step(lambda now_ns: motors.control(now_ns, period_s))
+    return Devices(world, SimulatedWam(world, parameters, zeroed=zeroed), motors)
+
+
+def _mounted(motor: TendonMotor) -> SimulatedMotorSettings:
+    return SimulatedMotorSettings(motor.id, motor.zero_ticks, motor.tightening_sign)
