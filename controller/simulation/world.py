@@ -1,9 +1,10 @@
 """The simulated world: arm, hand, object and support as physics on an integer-nanosecond time base.
 
-Simulated devices reach it through two faces: the arm's joints (torque in, angle out) and the tendon motors' shafts (torque in, angle and
-speed out; positive = tendon pulled in; motor 0 right, 1 left). Sensors are perfect here; devices quantise. `truth` is for
-reporters and tests alone, and looking at it changes nothing. The world knows the parameters of arm, hand and
-object but none of the product's mechanics, tables or control, so that agreement between the two means something.
+Simulated devices reach it through two faces: the arm's joints (torque in, angle out) and the tendon motors' shafts
+(torque in, angle and speed out; positive = tendon pulled in; motor 0 right, 1 left). Sensors are perfect here; devices
+quantise. `truth` is for reporters and tests alone, and looking at it changes nothing. The world knows the parameters
+of arm, hand and object but none of the product's mechanics, tables or control, so that agreement between the two means
+something.
 
 Frames: world z up; model and its frames in `world_model.py`. Same calls, same bits.
 """
@@ -26,7 +27,7 @@ from drivers.errors import InputError, MechanicsError
 from drivers.wam.parameters import JOINTS, WamParameters
 
 BRAKING_NMS_PER_RAD = (150.0, 150.0, 50.0, 30.0, 2.5, 2.5, 0.25)
-"""Shorted motors seen from the joints [assumed]: squared torque constant and ratio (WAM reference 5.3) over 1.5 to 3 Ω."""
+"""Shorted motors at the joints [assumed]: squared torque constant and ratio (WAM reference 5.3) over 1.5 to 3 Ω."""
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
@@ -50,9 +51,9 @@ class WorldTruth:
 class World:
     """One arm with its hand, an object, and what it stands on.
 
-    `T_world_object` is the pose of the cylinder's centre, z along its axis. The arm starts at `joint_rad`, at rest, braking; the fingers start open.
-    `hand_only` welds the arm and leaves the spools to `wind_spools`. The physics period must be whole nanoseconds.
-    Errors: InputError for poses and values that cannot be, MechanicsError for hands that cannot be simulated.
+    `T_world_object` is the pose of the cylinder's centre, z along its axis. The arm starts at `joint_rad`, at rest,
+    braking; the fingers start open. `hand_only` welds the arm and leaves the spools to `wind_spools`. Errors:
+    InputError for poses and values that cannot be, MechanicsError for hands that cannot be simulated.
     """
 
     def __init__(
@@ -156,7 +157,7 @@ class World:
         return np.zeros(JOINTS) if self._hand_only else self._data.qvel[self._parts.arm].copy()
 
     def set_joint_torque_Nm(self, torque: ArrayLike, braking: bool, at_ns: int) -> None:
-        """Motor torque at the joints, shape (7,), from `at_ns` until the next; `braking` shorts the motors meanwhile."""
+        """Motor torque at the joints, shape (7,), from `at_ns` until the next; `braking` shorts the motors."""
         if self._hand_only:
             raise InputError("the arm is welded; expected hand_only = False.")
         values = _vector("torque", torque, JOINTS)

@@ -1,7 +1,7 @@
 """The arm's URDF as bodies of the simulated world.
 
-MuJoCo gets the same links, joints and inertias as the cycle's arm model, plus what a URDF cannot say: rotor inertia as armature,
-viscous and Coulomb friction (WAM reference 6.5). Link frames are those of the URDF, joint axes their z. SI units.
+MuJoCo gets the same links, joints and inertias as the cycle's arm model, plus what a URDF cannot say: rotor inertia as
+armature, viscous and Coulomb friction (WAM reference 6.5). Link frames are those of the URDF, joint axes their z. SI.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ def add_arm(
 ) -> ElementTree.Element:
     """Append the chain of links to the body `base` (DH frame 0) and return the body of the tool plate.
 
-    With `welded_at_rad`, shape (7,), the chain has no joints and stands at these angles. Raises InputError when the URDF
-    is not a chain of seven revolute joints about z and one fixed tool plate.
+    With `welded_at_rad`, shape (7,), the chain has no joints and stands at these angles. Raises InputError when the
+    URDF is not a chain of seven revolute joints about z and one fixed tool plate.
     """
     urdf = ElementTree.fromstring(files("drivers.wam").joinpath("wam7.urdf").read_text())
     links = {link.get("name"): link for link in urdf.iter("link")}

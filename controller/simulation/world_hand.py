@@ -1,11 +1,12 @@
 """The hand as bodies of the simulated world: two spring-loaded fingers, two tendons, two motor spools.
 
-Frame: hand frame H (x right, y out of the palm, z = x × y along the pins, origin midway between the roots). Joint coordinates
-are flexion from rest, positive = closing; order right, left. Lengths, springs and arms: hand-mechanics reference 1, 2, 4.
+Frame: hand frame H (x right, y out of the palm, z = x × y along the pins, origin midway between the roots). Joint
+coordinates are flexion from rest, positive = closing; order right, left. Lengths, springs and arms: hand-mechanics
+reference 1, 2, 4.
 
-A tendon is a MuJoCo fixed tendon whose length is its stretch, spool radius × spool angle less the arms × flexions: constant
-arms, as in the reference, and no force when that is negative. A tendon without elasticity is the unilateral constraint
-stretch ≤ 0; one with elasticity is a spring that only pulls.
+A tendon is a MuJoCo fixed tendon whose length is its stretch, spool radius × spool angle less the arms × flexions:
+constant arms, as in the reference, and no force when that is negative. A tendon without elasticity is the unilateral
+constraint stretch ≤ 0; one with elasticity is a spring that only pulls.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ SPOOL_INERTIA_KGM2 = 0.01
 """Motor rotor through the 353:1 gear [assumed]: with the motor's resistance and constant a time constant of 12 ms."""
 SPOOL_VISCOUS_NMS_PER_RAD = 0.005
 JOINT_DAMPING_NMS_PER_RAD = 0.003
-"""Loss in the rubber [assumed]: 0.2 of critical at the proximal joint, and below 1 % of the spring while the hand squeezes."""
+"""Loss in the rubber [assumed]: 0.2 of critical at the proximal joint; under 1 % of the spring while squeezing."""
 FINGER_WIDTH_M = 0.03175
 """Along the pins (openhand-t42 reference 3)."""
 FINGER_THICKNESS_M = 0.018

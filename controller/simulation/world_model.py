@@ -1,12 +1,14 @@
 """The MuJoCo model of the simulated world: arm, hand, object and support in one MJCF document.
 
-World frame: z up, gravity 9.81 m/s². Bodies: `base` (DH frame 0) … `tool` (wrist W) → `hand` (hand frame H) → fingers and spools;
-`object` free, its frame at the cylinder's centre with z along the axis. Only named pairs touch: each fingertip and the
-object, the object and the support; so friction is what is stated here, and no default of MuJoCo's mixes in.
+World frame: z up, gravity 9.81 m/s². Bodies: `base` (DH frame 0) … `tool` (wrist W) → `hand` (hand frame H) → fingers
+and spools; `object` free, its frame at the cylinder's centre with z along the axis. Only named pairs touch: each
+fingertip and the object, the object and the support; so friction is what is stated here, and no default of MuJoCo's
+mixes in.
 
-Fingertip and cylinder are a sphere and an upright cylinder: the arc on a disc of hand-mechanics reference 5, with a contact
-point that MuJoCo computes in closed form. Torsion about the contact normal has the friction of a line as long as the finger
-is wide; without it two point contacts would let the object swing about the line between them.
+Fingertip and cylinder are a sphere and an upright cylinder: the arc on a disc of hand-mechanics reference 5, with a
+contact point that MuJoCo computes in closed form. Torsion about the contact normal has the friction of a line as long
+as the finger is wide; without it two point contacts would let the object swing about the line between them. The object
+stands on its rim.
 """
 
 from __future__ import annotations
@@ -28,12 +30,15 @@ from drivers.wam.parameters import JOINTS, WamParameters
 GRAVITY_M_S2 = 9.81
 TIP_FRICTION = 1.0
 DEFAULT_HEIGHT_M = 0.12
+CONTACT_IMPEDANCE = "0.3 0.999 1e-5 0.5 2"
+"""Soft at first touch, hard within 10 µm. MuJoCo's convex friction lifts a sliding contact, here by 4 µm at a tip speed
+of 8 mm/s; a contact that is hard from the start would lose touch over and over, and hammer."""
 SUPPORT_HALF_WIDTH_M = 0.15  # drawn size only: the plane carries the object wherever it goes
 
 
 @dataclass(frozen=True)
 class Imperfections:
-    """How the world differs from the nominal models. The defaults are rough hardware; `Imperfections.none()` is ideal."""
+    """How the world differs from the nominal models: rough hardware by default, ideal with `Imperfections.none()`."""
 
     arm_coulomb_Nm: tuple[float, ...] = (1.5, 1.5, 0.8, 0.8, 0.2, 0.1, 0.05)
     arm_viscous: bool = True
@@ -94,6 +99,7 @@ def build_world_model(
     """
     # Twice the step is the stiffest that MuJoCo's constraints may be; 0.9999 the hardest.
     hard = {"solref": text((2 * physics_period_s, 1.0)), "solimp": "0.9999 0.9999 0.001 0.5 2"}
+    touch = hard | {"solimp": CONTACT_IMPEDANCE, "solreffriction": text((8 * physics_period_s, 1.0))}
     root = ElementTree.Element("mujoco", model="stillgrasp")
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")
     option = ElementTree.SubElement(
@@ -101,11 +107,11 @@ def build_world_model(
         "option",
         timestep=repr(physics_period_s),
         gravity=text((0.0, 0.0, -GRAVITY_M_S2)),
-        integrator="discrete",
+        integrator="discrete",  # forces of springs and contacts in one solve; the others chatter on stiff contacts
         solver="Newton",
         cone="elliptic",
         jacobian="dense",  # MuJoCo 4.0.0 factorises the sparse one wrongly (its issue 3767)
-        impratio="100",
+        impratio="10000",  # friction that holds: fingertips creep 0.1 µm/s under 2 N
         iterations="50",
         tolerance="1e-10",
     )
@@ -137,7 +143,7 @@ def build_world_model(
         hard=hard,
         prescribed_spools=hand_only,
     )
-    _add_object(worldbody, contact, grasp_object, placement.T_world_object, hard)
+    _add_object(worldbody, contact, grasp_object, placement.T_world_object, touch)
     return _indexed(mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode")))
 
 
@@ -158,7 +164,7 @@ def _add_object(
     contact: ElementTree.Element,
     grasp_object: GraspObject,
     T_world_object: NDArray[np.float64],
-    hard: dict[str, str],
+    touch: dict[str, str],
 ) -> None:
     position, quaternion = mjcf_pose("T_world_object", T_world_object)
     radius_m = grasp_object.shape.radius_m
@@ -179,7 +185,7 @@ def _add_object(
     for side in SIDES:
         friction = text((TIP_FRICTION, TIP_FRICTION, torsion_m, 1e-6, 1e-6))
         ElementTree.SubElement(
-            contact, "pair", hard, geom1=f"tip_{side}", geom2="object", condim="4", friction=friction
+            contact, "pair", touch, geom1=f"tip_{side}", geom2="object", condim="4", friction=friction
         )
     if grasp_object.support is None:
         return
@@ -194,7 +200,7 @@ def _add_object(
     # No friction is frictionless contact (condim 1): MuJoCo has no cone of zero width.
     friction = text((mu, mu, 1e-6, 1e-6, 1e-6)) if mu > 0.0 else text((1.0, 1.0, 1e-6, 1e-6, 1e-6))
     condim = "3" if mu > 0.0 else "1"
-    ElementTree.SubElement(contact, "pair", hard, geom1="object", geom2="support", condim=condim, friction=friction)
+    ElementTree.SubElement(contact, "pair", touch, geom1="object", geom2="support", condim=condim, friction=friction)
 
 
 def _indexed(model: mujoco.MjModel) -> WorldModel:
