@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from math import isfinite
+from math import isfinite, tanh
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -118,8 +118,8 @@ class ArmModel:
         # Data must be made after the last frame (real-time reference 6): earlier ones are too short.
         self._data = self._model.createData()
         self._oMf = self._data.oMf
-        self._viscous = np.array(friction.viscous_Nms_per_rad, dtype=np.float64)
-        self._coulomb = np.array(friction.coulomb_Nm, dtype=np.float64)
+        self._viscous = friction.viscous_Nms_per_rad
+        self._coulomb = friction.coulomb_Nm
         self._inverse_turnover_s = 1.0 / friction.turnover_rad_s
         self._rest = np.zeros(JOINTS)
         self.pose: FloatArray = np.eye(4)
@@ -171,10 +171,13 @@ class ArmModel:
     def friction(self, v: npt.ArrayLike) -> FloatArray:
         """Torques (7, N·m) that overcome joint friction at joint velocity `v`; zero at rest."""
         v = checked_joints(v, "joint velocities")
-        torque = np.tanh(v * self._inverse_turnover_s)
-        torque *= self._coulomb
-        torque += self._viscous * v
-        return torque
+        turnover = self._inverse_turnover_s
+        return np.array(
+            [
+                viscous * speed + coulomb * tanh(speed * turnover)
+                for speed, viscous, coulomb in zip(v.tolist(), self._viscous, self._coulomb, strict=True)
+            ]
+        )
 
     @property
     def position_limits_rad(self) -> tuple[FloatArray, FloatArray]:

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import isfinite, sqrt
+from math import copysign, isfinite, sqrt
 from typing import Any, Literal, cast
 
 import daqp
@@ -51,6 +51,7 @@ class TrackingSettings:
     feedback_speed_rad_s: float = 1.0
     posture_gain_per_s: float = 0.5
     posture_speed_rad_s: float = 0.1
+    posture_band_rad: float = 0.1  # nothing pulls this near the posture: creep would show friction at the wrist
     rotation_length_m: float = 0.2  # 1 rad of rotation weighs as much as this translation
     damping: float = 1e-4  # λ far from singularities, in m
     singular_damping: float = 0.05  # λ at a singularity, in m
@@ -216,10 +217,9 @@ class DifferentialInverseKinematics:
             self._gram_diagonal += extra
             damping_squared += extra
             inverse = np.linalg.inv(self._gram)
-        posture = self.posture_rad - q
-        posture *= settings.posture_gain_per_s
-        limit = settings.posture_speed_rad_s
-        np.minimum(np.maximum(posture, -limit, out=posture), limit, out=posture)
+        band, gain, limit = settings.posture_band_rad, settings.posture_gain_per_s, settings.posture_speed_rad_s
+        away = (self.posture_rad - q).tolist()
+        posture = np.array([copysign(min(gain * max(abs(x) - band, 0.0), limit), x) for x in away])
         self._task -= J.dot(posture)
         posture += J.T.dot(inverse.dot(self._task))
         return damping_squared, posture

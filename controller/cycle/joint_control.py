@@ -1,0 +1,266 @@
+"""Joint torques that make the arm follow the commanded motion.
+
+    τ = inverse dynamics of the command (gravity, inertia) + friction of the commanded velocity
+        + kp e + ∫ ki e + kd (v_command − v_measured)
+
+all at the joints, in N·m, rad and s. The velocity is the difference of two measured positions over the true time
+between their samples, through the vendor's first-order filter (WAM reference 5.4): y ← (y + ω T x) / (1 + ω T), with
+ω = 180 rad/s. The commanded velocity passes the same filter, so that a motion followed perfectly meets no damping.
+
+Arm friction over kp is what the wrist is off by, so the integral matters; three things keep it from harm. It is
+bounded. It stands still while the torque is limited, in the direction that would press on. And it stands still while
+the commanded joint rests within a band around its goal, small at first and wider once it had time to settle: against
+Coulomb friction an integral would hunt for ever.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+import numpy.typing as npt
+
+from controller.cycle.arm_model import JOINTS, ArmModel, FloatArray, checked_joints
+from drivers.errors import InputError
+from drivers.wam.parameters import WamParameters, load_wam_parameters
+
+VELOCITY_FILTER_RAD_S = 180.0
+RESTING_RAD_S = 1e-4  # a commanded joint that is slower rests
+SETTLING_S = 0.3  # the integral's time to bring a resting joint into its band; later it stirs only for a larger error
+SETTLED_BANDS = 5.0
+TWO_ENCODER_COUNTS_RAD = (1e-4, 1.2e-4, 2e-4, 2e-4, 3.2e-4, 3.2e-4, 2.1e-4)
+
+
+def _checked_positive(values: Sequence[float], what: str, *, allow_zero: bool) -> None:
+    lowest = "≥ 0" if allow_zero else "> 0"
+    if len(values) != JOINTS or not all(isfinite(v) and (v > 0.0 or (allow_zero and v == 0.0)) for v in values):
+        raise InputError(f"{what} is {list(values)}; expected {JOINTS} finite values {lowest}.")
+
+
+@dataclass(frozen=True)
+class JointGains:
+    """Gains of the joint control, (7) each, and the bound of the integral in N·m.
+
+    Plain gains give torques: kp N·m/rad, ki N·m/(rad·s), kd N·m·s/rad. Gains `scaled_by_inertia` give accelerations
+    (1/s², 1/s³, 1/s), which the mass matrix turns into torques: equally fast in every pose and with any hand.
+    """
+
+    kp: tuple[float, ...]
+    ki: tuple[float, ...]
+    kd: tuple[float, ...]
+    integral_limit_Nm: tuple[float, ...]
+    resting_band_rad: tuple[float, ...] = TWO_ENCODER_COUNTS_RAD
+    scaled_by_inertia: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("kp", "ki", "kd", "integral_limit_Nm", "resting_band_rad"):
+            _checked_positive(getattr(self, name), f"joint gain {name}", allow_zero=True)
+
+
+LIBBARRETT_GAINS = JointGains(
+    kp=(900.0, 2500.0, 600.0, 500.0, 50.0, 50.0, 8.0),
+    ki=(2.5, 5.0, 2.0, 0.5, 0.5, 0.5, 0.1),
+    kd=(10.0, 20.0, 5.0, 2.0, 0.5, 0.5, 0.05),
+    integral_limit_Nm=(25.0, 20.0, 15.0, 15.0, 5.0, 5.0, 5.0),
+)
+"""The vendor's position controller (WAM reference 5.4). It leans on the arm's friction for its damping."""
+
+STIFF_GAINS = JointGains(
+    kp=(3000.0,) * JOINTS,
+    ki=(30000.0,) * JOINTS,
+    kd=(100.0,) * JOINTS,
+    integral_limit_Nm=(5.0, 6.0, 4.0, 3.0, 1.0, 1.0, 0.5),
+    scaled_by_inertia=True,
+)
+"""As stiff as a 500 Hz loop with 1.5 ms from sample to torque and the velocity filter bears without friction's help:
+it stays stable up to 2.7 times these gains."""
+
+
+@dataclass(frozen=True)
+class TorqueLimits:
+    """Joint-side limits of the commanded torque, (7) each: size (N·m) and rate (N·m/s)."""
+
+    torque_Nm: tuple[float, ...]
+    rate_Nm_per_s: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        for name, values in vars(self).items():
+            _checked_positive(values, f"torque limit {name}", allow_zero=False)
+
+    @classmethod
+    def from_parameters(cls, parameters: WamParameters, *, full_swing_s: float = 0.02) -> TorqueLimits:
+        """The arm's effort limits, reached from zero in `full_swing_s` at the soonest."""
+        efforts = tuple(float(effort) for effort in parameters.joint_effort_limit_Nm)
+        return cls(efforts, tuple(effort / full_swing_s for effort in efforts))
+
+
+class JointControl:
+    """The torque law of the cycle. Call `reset` on activation, then `torque` once a period.
+
+    Plain floats inside: with seven joints, arrays cost more than they save.
+    """
+
+    def __init__(
+        self,
+        model: ArmModel,
+        gains: JointGains | None = None,
+        limits: TorqueLimits | None = None,
+        velocity_filter_rad_s: float = VELOCITY_FILTER_RAD_S,
+    ) -> None:
+        if not (isfinite(velocity_filter_rad_s) and velocity_filter_rad_s > 0.0):
+            raise InputError(f"velocity_filter_rad_s is {velocity_filter_rad_s}; expected a positive number.")
+        gains = gains if gains is not None else STIFF_GAINS
+        limits = limits if limits is not None else TorqueLimits.from_parameters(load_wam_parameters())
+        self.model = model
+        self.saturated = False
+        """Whether a torque or rate limit bound in the last call."""
+        self._filter_rad_s = velocity_filter_rad_s
+        self._joints = [
+            _Joint(*values)
+            for values in zip(
+                gains.kp,
+                gains.ki,
+                gains.kd,
+                gains.integral_limit_Nm,
+                gains.resting_band_rad,
+                limits.torque_Nm,
+                limits.rate_Nm_per_s,
+                strict=True,
+            )
+        ]
+        self._scaled_by_inertia = gains.scaled_by_inertia
+        self._sample_ns: int | None = None
+
+    def reset(self, q_measured: npt.ArrayLike, sample_ns: int) -> None:
+        """Start from rest at the measured configuration (7, rad), holding it against gravity."""
+        q = checked_joints(q_measured, "measured joint angles")
+        for joint, position, gravity in zip(self._joints, q.tolist(), self.model.gravity(q).tolist(), strict=True):
+            joint.reset(position, gravity)
+        self._sample_ns = sample_ns
+        self.saturated = False
+
+    @property
+    def velocity(self) -> FloatArray:
+        """Measured and filtered joint velocity (7, rad/s)."""
+        return np.array([joint.velocity for joint in self._joints])
+
+    def torque(
+        self,
+        q_measured: npt.ArrayLike,
+        q_commanded: npt.ArrayLike,
+        v_commanded: npt.ArrayLike,
+        a_commanded: npt.ArrayLike,
+        sample_ns: int,
+    ) -> FloatArray:
+        """Joint torques (7, N·m) to apply now.
+
+        q_measured      (7, rad), sampled at `sample_ns`
+        q_commanded, v_commanded, a_commanded  (7; rad, rad/s, rad/s²), all of the same moment as the sample
+        sample_ns       monotonic; with a sample that is not newer than the last one the last torque stands
+
+        Raises InputError when an array is not (7) and finite, or before the first `reset`.
+        """
+        if self._sample_ns is None:
+            raise InputError("joint control has no starting point; expected reset(q, sample_ns) on activation first.")
+        q = checked_joints(q_measured, "measured joint angles")
+        feed_forward = self.model.inverse_dynamics(q_commanded, v_commanded, a_commanded)
+        v_commanded = checked_joints(v_commanded, "commanded joint velocities")
+        feed_forward += self.model.friction(v_commanded)
+        error = checked_joints(q_commanded, "commanded joint angles") - q
+
+        elapsed_s = (sample_ns - self._sample_ns) * 1e-9
+        if elapsed_s > 0.0:
+            self._sample_ns = sample_ns
+            self._step(q, error, v_commanded, feed_forward, elapsed_s)
+        return np.array([joint.torque for joint in self._joints])
+
+    def _step(
+        self, q: FloatArray, error: FloatArray, v_commanded: FloatArray, feed_forward: FloatArray, elapsed_s: float
+    ) -> None:
+        errors = error.tolist()
+        speeds = v_commanded.tolist()
+        share = self._filter_rad_s * elapsed_s
+        feedback = np.array(
+            [
+                joint.feedback(position, e, v, elapsed_s, share)
+                for joint, position, e, v in zip(self._joints, q.tolist(), errors, speeds, strict=True)
+            ]
+        )
+        if self._scaled_by_inertia:
+            feedback = self.model.mass_matrix(q).dot(feedback)
+        feedback[:, 0] += feed_forward
+        saturated = False
+        for joint, (torque, growth), e, v in zip(self._joints, feedback.tolist(), errors, speeds, strict=True):
+            saturated |= joint.apply(torque, growth, e, v, elapsed_s)
+        self.saturated = saturated
+
+
+class _Joint:
+    """Gains, limits and memory of one joint."""
+
+    __slots__ = (
+        "band",
+        "integral",
+        "integral_limit",
+        "kd",
+        "ki",
+        "kp",
+        "lag",
+        "last_position",
+        "rate_limit",
+        "rested_s",
+        "torque",
+        "torque_limit",
+        "velocity",
+    )
+
+    def __init__(
+        self,
+        kp: float,
+        ki: float,
+        kd: float,
+        integral_limit: float,
+        band: float,
+        torque_limit: float,
+        rate_limit: float,
+    ) -> None:
+        self.kp, self.ki, self.kd = kp, ki, kd
+        self.integral_limit, self.band = integral_limit, band
+        self.torque_limit, self.rate_limit = torque_limit, rate_limit
+        self.reset(0.0, 0.0)
+
+    def reset(self, position: float, gravity: float) -> None:
+        self.last_position = position
+        self.torque = min(max(gravity, -self.torque_limit), self.torque_limit)
+        self.integral = 0.0
+        self.velocity = 0.0
+        self.lag = 0.0
+        self.rested_s = 0.0
+
+    def feedback(
+        self, position: float, error: float, v_commanded: float, elapsed_s: float, share: float
+    ) -> tuple[float, float]:
+        """Proportional and derivative part, and growth of the integral; `share` is ω T of the filter."""
+        rate = (position - self.last_position) / elapsed_s
+        self.last_position = position
+        self.velocity = (self.velocity + share * rate) / (1.0 + share)
+        self.lag = (self.lag + share * (v_commanded - rate)) / (1.0 + share)
+        return self.kp * error + self.kd * self.lag, self.ki * error * elapsed_s
+
+    def apply(self, torque: float, growth: float, error: float, v_commanded: float, elapsed_s: float) -> bool:
+        """Limit the torque plus the integral, then let that grow. Returns whether a limit bound."""
+        wanted = torque + self.integral
+        reach = self.rate_limit * elapsed_s
+        least = max(self.torque - reach, -self.torque_limit)
+        greatest = min(self.torque + reach, self.torque_limit)
+        self.torque = min(max(wanted, least), greatest)
+
+        self.rested_s = self.rested_s + elapsed_s if abs(v_commanded) < RESTING_RAD_S else 0.0
+        band = self.band if self.rested_s < SETTLING_S else SETTLED_BANDS * self.band
+        resting = self.rested_s > 0.0 and abs(error) < band
+        pressing_on = (wanted - self.torque) * growth > 0.0
+        if not (resting or pressing_on):
+            self.integral = min(max(self.integral + growth, -self.integral_limit), self.integral_limit)
+        return wanted != self.torque
