@@ -1,0 +1,31 @@
+"""How a hand takes an object: the parameters of one grasp, beside those of hand and object. SI units. Source: design 7."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from drivers.errors import MechanicsError
+
+
+class GraspSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """`onset_split` δ: the fingers touch at loads T(1 + δ) right, T(1 − δ) left (hand-mechanics reference 6); 0 is symmetric.
+
+    `contact_friction`: coefficient at the fingertips, that required friction is compared with. `load_cap_N`: tendon load at which winding
+    stops; None is the hand's. `supported`: the object stands on its support while it is gripped.
+    """
+
+    onset_split: Annotated[float, Meta(gt=-1, lt=1)] = 0.0
+    contact_friction: Annotated[float, Meta(gt=0, le=5)] = 0.3
+    load_cap_N: Annotated[float, Meta(gt=0, le=2000)] | None = None
+    supported: bool = True
+
+    def __post_init__(self) -> None:
+        if not -1 < self.onset_split < 1:
+            raise MechanicsError("onset_split", f"{self.onset_split!r} is not between −1 and 1, both excluded.")
+        if not 0 < self.contact_friction <= 5:
+            raise MechanicsError("contact_friction", f"{self.contact_friction!r} is not > 0 and ≤ 5.")
+        if self.load_cap_N is not None and not 0 < self.load_cap_N <= 2000:
+            raise MechanicsError("load_cap_N", f"{self.load_cap_N!r} is not > 0 and ≤ 2000 N.")
