@@ -125,6 +125,7 @@ def _add_link_inertia(body: ElementTree.Element, length_m: float, mass_kg: float
 
 
 def _add_spool(palm: ElementTree.Element, side: str, friction_Nm: float, prescribed: bool) -> None:
+    # Next to no mass of its own: the motors' belongs to the hand's body.
     body = ElementTree.SubElement(palm, "body", name=f"spool_{side}")
     ElementTree.SubElement(
         body,
@@ -136,7 +137,7 @@ def _add_spool(palm: ElementTree.Element, side: str, friction_Nm: float, prescri
         damping=repr(0.0 if prescribed else SPOOL_VISCOUS_NMS_PER_RAD),
         frictionloss=repr(0.0 if prescribed else friction_Nm),
     )
-    ElementTree.SubElement(body, "inertial", pos="0 0 0", mass="1e-4", diaginertia="1e-9 1e-9 1e-9")
+    ElementTree.SubElement(body, "inertial", pos="0 0 0", mass="1e-9", diaginertia="1e-12 1e-12 1e-12")
 
 
 def _add_tendon(
