@@ -27,7 +27,10 @@ class ByteLine(Protocol):
         ...
 
     def read(self, max_bytes: int) -> bytes:
-        """What has arrived, at most `max_bytes`; empty if nothing; never waits. BusError if the line is gone."""
+        """What has arrived, at most `max_bytes`; empty if nothing; never waits. BusError if the line is gone.
+
+        A line that has come to its end may instead be readable (to `select`) and yet empty.
+        """
         ...
 
     def fileno(self) -> int:

@@ -1,0 +1,234 @@
+"""Port and checked transactions against the worked packets of the reference, and against what a bad line does."""
+
+from collections.abc import Callable
+
+import pytest
+from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.clock import VirtualClock
+from drivers.dynamixel.bus import DynamixelBus, StuffingPacketHandler
+from drivers.dynamixel.port import WaitingPort
+from drivers.errors import BusError, DeviceError, NoReplyError, ProtocolError
+
+MILLISECOND = 1_000_000
+
+
+class ScriptedLine:
+    """A virtual line that keeps what is written and plays prepared bytes: (delay after the request in ns, bytes)."""
+
+    def __init__(self, clock: VirtualClock) -> None:
+        self.clock = clock
+        self.sent: list[bytes] = []
+        self.script: list[list[tuple[int, bytes]]] = []
+        self.arriving: list[tuple[int, bytes]] = []
+
+    def write(self, data: bytes) -> None:
+        self.sent.append(data)
+        for delay_ns, reply in self.script.pop(0) if self.script else []:
+            self.arriving.append((self.clock.now_ns() + delay_ns, reply))
+
+    def read(self, max_bytes: int) -> bytes:
+        time_ns, data = self.arriving.pop(0)
+        assert time_ns <= self.clock.now_ns(), "read ahead of time"
+        if data[max_bytes:]:
+            self.arriving.insert(0, (time_ns, data[max_bytes:]))
+        return data[:max_bytes]
+
+    def fileno(self) -> int:
+        return -1
+
+    def next_arrival_ns(self) -> int | None:
+        return self.arriving[0][0] if self.arriving else None
+
+    def discard_input(self) -> None:
+        self.arriving = [item for item in self.arriving if item[0] > self.clock.now_ns()]
+
+    def close(self) -> None:
+        self.arriving = []
+
+
+def make_bus(*replies: str | bytes) -> tuple[DynamixelBus, ScriptedLine, VirtualClock]:
+    """A bus whose requests are answered, 0.3 ms later, by the given packets (hex or bytes) in order."""
+    clock = VirtualClock()
+    line = ScriptedLine(clock)
+    for reply in replies:
+        line.script.append([(300_000, bytes.fromhex(reply) if isinstance(reply, str) else reply)])
+    return DynamixelBus(WaitingPort(line, clock)), line, clock
+
+
+OK_1 = "FF FF FD 00 01 04 00 55 00 A1 0C"
+A12 = "FF FF FD 00 01 0E 00 55 00 D2 00 FD FF FF FF 00 08 00 00 B7 1C"
+A13 = "FF FF FD 00 02 0E 00 55 80 00 00 00 00 00 00 D2 05 00 00 CA BB"
+
+
+def test_crc_check_value() -> None:
+    """The catalogue's check value of CRC-16/UMTS (reference 4.2)."""
+    assert StuffingPacketHandler().updateCRC(0, b"123456789", 9) == 0xFEE8
+
+
+@given(st.binary(max_size=60))
+def test_crc_is_the_sdk_s(data: bytes) -> None:
+    """The quicker CRC must be the vendor's for every packet."""
+    assert StuffingPacketHandler().updateCRC(0, data, len(data)) == Protocol2PacketHandler().updateCRC(
+        0, data, len(data)
+    )
+
+
+@given(st.lists(st.sampled_from([0xFF, 0xFD, 0x00]), max_size=40))
+def test_stuffing_is_undone_and_hides_the_header(body: list[int]) -> None:
+    """No body may look like a header on the wire, and every body comes back; the SDK's own pair breaks both."""
+    length = len(body) + 3
+    packet = [0xFF, 0xFF, 0xFD, 0, 1, length, 0, 0x55, *body, 1, 2]
+    stuffed = StuffingPacketHandler().addStuffing(list(packet))
+    assert b"\xff\xff\xfd\x00" not in bytes(stuffed[7:-2]) + b"\x01"
+    assert len(stuffed) == 7 + stuffed[5] + 256 * stuffed[6]
+    assert StuffingPacketHandler().removeStuffing(stuffed) == packet
+
+
+def value_of(data: bytes) -> int:
+    return int.from_bytes(data, "little", signed=True)
+
+
+@pytest.mark.parametrize(
+    ("request_hex", "act", "reply_hex"),
+    [
+        ("FF FF FD 00 01 06 00 03 40 00 01 DB 66", lambda bus: bus.write(1, 64, b"\x01"), OK_1),  # A5
+        ("FF FF FD 00 01 06 00 03 09 00 00 69 63", lambda bus: bus.write(1, 9, b"\x00"), OK_1),  # A8
+        ("FF FF FD 00 01 06 00 03 62 00 05 68 E4", lambda bus: bus.write(1, 98, b"\x05"), OK_1),  # A9
+        (
+            "FF FF FD 00 FE 0D 00 83 66 00 02 00 01 78 00 02 78 00 4F 84",  # A10
+            lambda bus: bus.sync_write(102, {1: b"\x78\x00", 2: b"\x78\x00"}),
+            OK_1,
+        ),
+        (
+            "FF FF FD 00 01 0A 00 03 74 00 FF FF FD FD 00 21 E7",  # A18: stuffed, unlike the bare SDK
+            lambda bus: bus.write(1, 116, b"\xff\xff\xfd\x00"),
+            OK_1,
+        ),
+        ("FF FF FD 00 01 03 00 08 2F 4E", lambda bus: bus.reboot(1), OK_1),  # A19
+    ],
+)
+def test_requests_are_the_worked_packets(
+    request_hex: str, act: Callable[[DynamixelBus], object], reply_hex: str
+) -> None:
+    """What leaves for the motors is, byte for byte, what the reference worked out."""
+    bus, line, _ = make_bus(reply_hex)
+    act(bus)
+    assert line.sent == [bytes.fromhex(request_hex)]
+
+
+def test_ping_and_read_take_the_worked_answers() -> None:
+    """A1 to A4: model 1020 with firmware 45, and −37 counts of current."""
+    bus, line, _ = make_bus("FF FF FD 00 02 07 00 55 00 FC 03 2D 1D 73", "FF FF FD 00 01 06 00 55 00 DB FF CB 83")
+    assert bus.ping(2) == (1020, 45, False)
+    assert value_of(bus.read(1, 126, 2).parameters) == -37
+    assert line.sent == [
+        bytes.fromhex("FF FF FD 00 02 03 00 01 19 72"),
+        bytes.fromhex("FF FF FD 00 01 07 00 02 7E 00 02 00 35 49"),
+    ]
+
+
+def test_sync_read_keeps_values_and_alert_apart() -> None:
+    """A11 to A13: the SDK's group read throws the alert bit of motor 2 away."""
+    bus, line, _ = make_bus(bytes.fromhex(A12 + A13))
+    first, second = bus.sync_read(126, 10, (1, 2))
+    assert line.sent == [bytes.fromhex("FF FF FD 00 FE 09 00 82 7E 00 0A 00 01 02 38 92")]
+    parts = [
+        (value_of(s.parameters[:2]), value_of(s.parameters[2:6]), value_of(s.parameters[6:])) for s in (first, second)
+    ]
+    assert parts == [(210, -3, 2048), (0, 0, 1490)]
+    assert (first.alert, second.alert) == (False, True)
+
+
+@pytest.mark.parametrize(
+    ("reply", "reason"),
+    [
+        ("FF FF FD 00 01 04 00 55 07 B0 8C", r"refused: access error \(7\)"),  # A21: the SDK yields the CRC as value
+        ("FF FF FD 00 01 05 00 55 80 20 99 21", "12 bytes; expected motor 1 and 13"),  # A17: length of another read
+        ("FF FF FD 00 02 04 00 55 04 32 8C", "from motor 2"),  # A20
+        ("FF FF FD 00 01 06 00 55 00 DB FF CB 84", "damaged reply"),
+        ("FF FF FD 00 01 06 00 55", "damaged reply"),
+    ],
+)
+def test_wrong_answer_never_yields_a_value(reply: str, reason: str) -> None:
+    """Refusal, foreign length, foreign id, wrong CRC, half a packet: the traps of reference 6.1."""
+    bus, _, _ = make_bus(reply)
+    with pytest.raises(ProtocolError, match=reason):
+        bus.read(1, 126, 2)
+
+
+def test_silence_costs_the_margin_and_no_more() -> None:
+    """A silent motor may hold the bus for wire time and margin (4.3 ms), not for the SDK's 34 ms."""
+    bus, _, clock = make_bus()
+    with pytest.raises(NoReplyError, match="tendon motor 1: no reply"):
+        bus.read(1, 126, 2)
+    assert 4 * MILLISECOND < clock.now_ns() < 4.5 * MILLISECOND
+
+
+def test_late_reply_is_not_taken_for_the_next() -> None:
+    """A reply that comes after its time-out fits the next read of the same length exactly; it must be thrown away."""
+    bus, line, clock = make_bus()
+    late, fresh = "FF FF FD 00 01 06 00 55 00 DB FF CB 83", bytes.fromhex("FF FF FD 00 01 06 00 55 00 78 00 34 81")
+    fresh = bytes(fresh[:-2]) + StuffingPacketHandler().updateCRC(0, fresh, len(fresh) - 2).to_bytes(2, "little")
+    line.script = [[(6 * MILLISECOND, bytes.fromhex(late))], [(MILLISECOND, fresh)]]
+    with pytest.raises(NoReplyError):
+        bus.read(1, 126, 2)
+    assert value_of(bus.read(1, 126, 2).parameters) == 120
+    assert clock.now_ns() > 8 * MILLISECOND
+
+
+def test_second_status_of_a_failed_sync_read_is_not_taken_for_the_next() -> None:
+    """When motor 1 refuses, motor 2's answer is still under way."""
+    bus, line, _ = make_bus()
+    refusal = bytes.fromhex("FF FF FD 00 01 04 00 55 07 B0 8C")
+    line.script = [[(300_000, refusal), (600_000, bytes.fromhex(A13))], [(300_000, bytes.fromhex(A12 + A13))]]
+    with pytest.raises(ProtocolError, match="access error"):
+        bus.sync_read(126, 10, (1, 2))
+    assert [s.motor_id for s in bus.sync_read(126, 10, (1, 2))] == [1, 2]
+
+
+def test_bytes_that_never_stop_do_not_keep_the_bus() -> None:
+    """An adapter that babbles must not hang the hand process in the SDK's receive loop."""
+    bus, line, clock = make_bus()
+    line.script = [[(10_000 * i, b"\xff") for i in range(1, 5000)]]
+    with pytest.raises(ProtocolError):
+        bus.read(1, 126, 2)
+    assert clock.now_ns() < 5 * MILLISECOND
+
+
+@given(st.lists(st.binary(min_size=1, max_size=30), max_size=8))
+def test_noise_never_crashes_hangs_or_yields_a_value(chunks: list[bytes]) -> None:
+    """Whatever comes in instead of an answer is an error of the tree, within the time-out."""
+    bus, line, clock = make_bus()
+    line.script = [[(20_000 * (i + 1), chunk) for i, chunk in enumerate(chunks)]]
+    with pytest.raises(DeviceError):
+        bus.sync_read(126, 10, (1, 2))
+    assert clock.now_ns() < 6 * MILLISECOND
+
+
+@given(st.integers(0, 20), st.integers(1, 255))
+def test_damaged_answer_never_yields_a_value(position: int, flip: int) -> None:
+    """Any single damaged byte of a good answer is noticed."""
+    damaged = bytearray.fromhex(A12)
+    damaged[position] ^= flip
+    bus, _, _ = make_bus(bytes(damaged))
+    with pytest.raises(DeviceError):
+        bus.read(1, 126, 10)
+
+
+def test_line_that_ended_is_a_bus_error_and_the_bus_recovers() -> None:
+    """End of file is not a time-out; and the SDK's busy flag must not stay set after it."""
+
+    class EndedLine(ScriptedLine):
+        def read(self, max_bytes: int) -> bytes:
+            return b""
+
+    clock = VirtualClock()
+    line = EndedLine(clock)
+    line.script = [[(100_000, b"\0")], [(100_000, b"\0")]]
+    bus = DynamixelBus(WaitingPort(line, clock))
+    for _ in range(2):
+        with pytest.raises(BusError, match="has ended"):
+            bus.read(1, 126, 2)
