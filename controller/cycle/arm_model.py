@@ -170,7 +170,15 @@ class ArmModel:
 
     def friction(self, v: npt.ArrayLike) -> FloatArray:
         """Torques (7, N·m) that overcome joint friction at joint velocity `v`; zero at rest."""
-        v = checked_joints(v, "joint velocities")
+        return self._friction(checked_joints(v, "joint velocities"))
+
+    def feed_forward(self, q: npt.ArrayLike, v: npt.ArrayLike, a: npt.ArrayLike) -> FloatArray:
+        """Torques (7, N·m) of a commanded motion: inverse dynamics and friction."""
+        torque = self.inverse_dynamics(q, v, a)
+        torque += self._friction(np.asarray(v, np.float64))
+        return torque
+
+    def _friction(self, v: FloatArray) -> FloatArray:
         turnover = self._inverse_turnover_s
         return np.array(
             [

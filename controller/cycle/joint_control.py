@@ -16,7 +16,7 @@ Coulomb friction an integral would hunt for ever.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from math import isfinite
 
 import numpy as np
@@ -52,7 +52,7 @@ class JointGains:
     kd: tuple[float, ...]
     integral_limit_Nm: tuple[float, ...]
     resting_band_rad: tuple[float, ...] = TWO_ENCODER_COUNTS_RAD
-    scaled_by_inertia: bool = False
+    scaled_by_inertia: bool = field(kw_only=True)
 
     def __post_init__(self) -> None:
         for name in ("kp", "ki", "kd", "integral_limit_Nm", "resting_band_rad"):
@@ -64,6 +64,7 @@ LIBBARRETT_GAINS = JointGains(
     ki=(2.5, 5.0, 2.0, 0.5, 0.5, 0.5, 0.1),
     kd=(10.0, 20.0, 5.0, 2.0, 0.5, 0.5, 0.05),
     integral_limit_Nm=(25.0, 20.0, 15.0, 15.0, 5.0, 5.0, 5.0),
+    scaled_by_inertia=False,
 )
 """The vendor's position controller (WAM reference 5.4). It leans on the arm's friction for its damping."""
 
@@ -76,6 +77,34 @@ STIFF_GAINS = JointGains(
 )
 """As stiff as a 500 Hz loop with 1.5 ms from sample to torque and the velocity filter bears without friction's help:
 it stays stable up to 2.7 times these gains."""
+
+GAIN_PRESETS = {"stiff": STIFF_GAINS, "libbarrett": LIBBARRETT_GAINS}
+
+
+def preset_gains(
+    preset: str,
+    *,
+    kp_Nm_per_rad: Sequence[float] | None = None,
+    ki_Nm_per_rad_s: Sequence[float] | None = None,
+    kd_Nms_per_rad: Sequence[float] | None = None,
+) -> JointGains:
+    """The gains of a preset, of which rows (7) given as torques replace those of the preset.
+
+    Raises InputError for an unknown preset, wrong rows, or rows for a preset whose gains are accelerations.
+    """
+    gains = GAIN_PRESETS.get(preset)
+    if gains is None:
+        raise InputError(f"joint gain preset is {preset!r}; expected one of {', '.join(GAIN_PRESETS)}.")
+    given = {"kp": kp_Nm_per_rad, "ki": ki_Nm_per_rad_s, "kd": kd_Nms_per_rad}
+    rows = {name: tuple(row) for name, row in given.items() if row is not None}
+    if rows and gains.scaled_by_inertia and len(rows) < len(given):
+        raise InputError(
+            f"joint gains {', '.join(rows)} are torques, those of the preset {preset!r} are accelerations; "
+            "expected kp, ki and kd together, or the preset 'libbarrett'."
+        )
+    if not rows:
+        return gains
+    return replace(gains, scaled_by_inertia=False, **rows)
 
 
 @dataclass(frozen=True)
@@ -116,6 +145,8 @@ class JointControl:
         self.model = model
         self.saturated = False
         """Whether a torque or rate limit bound in the last call."""
+        self.feedback_Nm: FloatArray = np.zeros(JOINTS)
+        """What the last torque holds beyond the model's feed-forward (7, N·m): a collision shows here."""
         self._filter_rad_s = velocity_filter_rad_s
         self._joints = [
             _Joint(*values)
@@ -140,6 +171,7 @@ class JointControl:
             joint.reset(position, gravity)
         self._sample_ns = sample_ns
         self.saturated = False
+        self.feedback_Nm = np.zeros(JOINTS)
 
     @property
     def velocity(self) -> FloatArray:
@@ -165,16 +197,14 @@ class JointControl:
         if self._sample_ns is None:
             raise InputError("joint control has no starting point; expected reset(q, sample_ns) on activation first.")
         q = checked_joints(q_measured, "measured joint angles")
-        feed_forward = self.model.inverse_dynamics(q_commanded, v_commanded, a_commanded)
-        v_commanded = checked_joints(v_commanded, "commanded joint velocities")
-        feed_forward += self.model.friction(v_commanded)
-        error = checked_joints(q_commanded, "commanded joint angles") - q
-
+        feed_forward = self.model.feed_forward(q_commanded, v_commanded, a_commanded)
         elapsed_s = (sample_ns - self._sample_ns) * 1e-9
         if elapsed_s > 0.0:
             self._sample_ns = sample_ns
-            self._step(q, error, v_commanded, feed_forward, elapsed_s)
-        return np.array([joint.torque for joint in self._joints])
+            self._step(q, np.subtract(q_commanded, q), np.asarray(v_commanded), feed_forward, elapsed_s)
+        torque = np.array([joint.torque for joint in self._joints])
+        self.feedback_Nm = torque - feed_forward
+        return torque
 
     def _step(
         self, q: FloatArray, error: FloatArray, v_commanded: FloatArray, feed_forward: FloatArray, elapsed_s: float
