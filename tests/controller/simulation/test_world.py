@@ -219,8 +219,8 @@ def test_motor_winds_only_beyond_gear_friction() -> None:
 
     def ramp(now_ns: int) -> None:
         world.set_shaft_torque_Nm(0, 0.22)
-        back_emf_Nm = 0.9 * world.shaft_velocity_rad_s(1)  # without it the rotor overshoots, and friction keeps that
-        world.set_shaft_torque_Nm(1, 0.50 * min(1.0, now_ns / SECOND) - back_emf_Nm)
+        damping_Nm = 0.1 * world.shaft_velocity_rad_s(1)  # or the rotor overshoots, and friction keeps it there
+        world.set_shaft_torque_Nm(1, 0.50 * min(1.0, now_ns / SECOND) - damping_Nm)
 
     world.call_before_each_step(ramp)
     world.advance_to(3 * SECOND)
