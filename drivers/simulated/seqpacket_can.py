@@ -1,8 +1,8 @@
 """SocketCAN's 16-byte frames over an AF_UNIX SOCK_SEQPACKET socket: a CAN bus for machines whose kernel has none.
 
 `SeqpacketBus` is the python-can interface "seqpacket"; its channel is the path of the socket that a `SeqpacketHub`
-holds. The hub carries frames in arbitration order with the delays of a 1 Mbit/s wire, to every client but the sender, and lets
-simulated devices answer. It never blocks: one loop selects over `filenos` until `next_due_ns` and calls `step`.
+holds. The hub carries frames in arbitration order with the delays of a 1 Mbit/s wire, to every client but the sender,
+and lets simulated devices answer. It never blocks: one loop selects over `filenos` until `next_due_ns` and calls `step`.
 Times in ns; message timestamps are seconds of the monotonic clock.
 """
 

@@ -339,6 +339,10 @@ class Arm:
         self._bus.send(lower)
         self._bus.send(upper)
 
+    def request_idle(self) -> None:
+        """Ask the safety puck for idle and return at once; `mode` tells when it is so. InputError before firmware 197."""
+        self._safety.request_idle()
+
     def poll_safety_mode(self) -> None:
         """Ask the safety puck for its mode; a later `collect_positions` or `request_positions` notices the reply."""
         self._unanswered += 1
