@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import os
 import termios
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
 
@@ -50,23 +48,27 @@ class ByteLine(Protocol):
         ...
 
 
+# pyserial lets termios.error and bare OSError through beside its own exception, and TypeError once it is closed
+_LINE_ERRORS = (serial.SerialException, termios.error, OSError, TypeError, ValueError)
+
+
 class SerialLine:
     """A serial device (`/dev/ttyUSB0`) or pty at `baud` bit/s."""
-
-    WRITE_TIMEOUT_S = 0.05
 
     def __init__(self, path: str, baud: int) -> None:
         if baud <= 0:
             raise InputError(f"baud = {baud} is not a baud rate; expected a positive number of bits per second.")
         self.path = path
-        with self._bus_errors(
-            "cannot be opened", "Is the adapter plugged in, is the path right, may this user open it, is it free?"
-        ):
-            self._serial = serial.Serial(
-                port=path, baudrate=baud, timeout=0, write_timeout=self.WRITE_TIMEOUT_S, exclusive=True
-            )
+        try:
+            self._serial = serial.Serial(port=path, baudrate=baud, timeout=0, exclusive=True)
             self._descriptor: int = self._serial.fileno()
             self._serial.reset_input_buffer()
+        except _LINE_ERRORS as error:
+            raise BusError(
+                path,
+                f"serial line cannot be opened: {error}.",
+                help="Is the adapter plugged in, is the path right, may this user open it, is it free?",
+            ) from error
 
     @property
     def latency_timer_ms(self) -> int | None:
@@ -78,15 +80,21 @@ class SerialLine:
             return None
 
     def write(self, data: bytes) -> None:
-        with self._bus_errors("does not take bytes"):
-            self._serial.write(data)
+        # not pyserial's write, which waits by itself: packets are far smaller than the kernel's buffer
+        try:
+            written = os.write(self._descriptor, data)
+        except _LINE_ERRORS as error:
+            raise self._error("does not take bytes", error) from error
+        if written != len(data):
+            raise self._error("does not take bytes", f"{written} of {len(data)} written")
 
     def read(self, max_bytes: int) -> bytes:
-        with self._bus_errors("cannot be read"):
-            try:
-                return os.read(self._descriptor, max_bytes)
-            except BlockingIOError:
-                return b""
+        try:
+            return os.read(self._descriptor, max_bytes)
+        except BlockingIOError:
+            return b""
+        except _LINE_ERRORS as error:
+            raise self._error("cannot be read", error) from error
 
     def fileno(self) -> int:
         return self._descriptor
@@ -95,19 +103,19 @@ class SerialLine:
         return None
 
     def discard_input(self) -> None:
-        with self._bus_errors("cannot be flushed"):
+        try:
             self._serial.reset_input_buffer()
+        except _LINE_ERRORS as error:
+            raise self._error("cannot be flushed", error) from error
 
     def close(self) -> None:
-        with self._bus_errors("cannot be closed"):
-            self._serial.close()
-
-    @contextmanager
-    def _bus_errors(
-        self, what: str, help: str = "Check the adapter's plug and power, then start again."
-    ) -> Iterator[None]:
-        # pyserial lets termios.error and bare OSError through beside its own exception, and TypeError once it is closed
+        self._descriptor = -1
         try:
-            yield
-        except (serial.SerialException, termios.error, OSError, TypeError, ValueError) as error:
-            raise BusError(self.path, f"serial line {what}: {error}.", help=help) from error
+            self._serial.close()
+        except _LINE_ERRORS as error:
+            raise self._error("cannot be closed", error) from error
+
+    def _error(self, what: str, cause: object) -> BusError:
+        return BusError(
+            self.path, f"serial line {what}: {cause}.", help="Check the adapter's plug and power, then start again."
+        )

@@ -19,6 +19,9 @@ from drivers.errors import BusError, InputError
 BITS_PER_BYTE = 10
 """8N1: start bit, eight bits, stop bit."""
 
+MAXIMUM_READ_BYTES = 256
+"""More than the answers of one request: all that has come is taken with one system call."""
+
 
 class WaitingPort:
     """`line` at `baud` bit/s; a reply may come `reply_margin_s` later than the wire allows (USB, scheduler)."""
@@ -38,6 +41,7 @@ class WaitingPort:
         self._deadline_ns = 0
         self._silent_until_ns = 0
         self._last_read_granted = False
+        self._received = b""  # taken from the line, not yet asked for
 
     def distrust(self) -> None:
         """The last transaction failed: keep silent for one margin and flush before the next."""
@@ -58,6 +62,7 @@ class WaitingPort:
         """Discard what has arrived; after a failed transaction, first let what is late arrive."""
         self._clock.sleep_until_ns(self._silent_until_ns)
         self._line.discard_input()
+        self._received = b""
 
     def writePort(self, packet: list[int]) -> int:
         """Send the packet; its number of bytes."""
@@ -83,6 +88,12 @@ class WaitingPort:
         """At least one and at most `length` bytes, or none at the deadline. BusError if the line is gone."""
         if length <= 0:  # the SDK asks for this after a packet whose length field is absurdly small
             return b""
+        if not self._received:
+            self._received = self._wait_for_bytes()
+        data, self._received = self._received[:length], self._received[length:]
+        return data
+
+    def _wait_for_bytes(self) -> bytes:
         if self._clock.now_ns() >= self._deadline_ns:
             if self._last_read_granted:
                 return b""
@@ -90,7 +101,7 @@ class WaitingPort:
             self._last_read_granted = True
         if not self._clock.wait_readable(self._line, self._deadline_ns):
             return b""
-        data = self._line.read(length)
+        data = self._line.read(MAXIMUM_READ_BYTES)
         if not data:  # readable, yet nothing there: the end of file of an unplugged adapter
             raise BusError("tendon motor bus", "the serial line has ended.", help="Check the adapter's plug and power.")
         return data

@@ -169,6 +169,13 @@ class TendonPair:
         Nothing is written before both have passed inspection. DeviceError: which motor, what is wrong, what to do.
         """
         found = [motor.inspect() for motor in self._motors]
+        self._model = self._motors[0].model
+        if self._motors[1].model is not self._model:
+            raise DeviceError(
+                "tendon motors",
+                f"are a {self._model.name} and a {self._motors[1].model.name}; expected two of one model.",
+                help="A sync read needs the same registers in both: fit two motors of one model.",
+            )
         for settings, inspection in zip(self._settings, found, strict=True):
             self._check_zero(settings, inspection)
         for index, (motor, inspection) in enumerate(zip(self._motors, found, strict=True)):

@@ -112,6 +112,9 @@ class PtyServer:
     reckoned with, whatever the client asks for.
     """
 
+    READS_PER_STEP = 16
+    """A client that never stops writing does not keep `step` from answering."""
+
     def __init__(self, device: LineDevice, clock: Clock, baud: int = 1_000_000) -> None:
         self._clock = clock
         self._wire = Wire(device, baud)
@@ -132,7 +135,9 @@ class PtyServer:
     def step(self, now_ns: int | None = None) -> None:
         """Take what clients wrote, send what is due; never waits."""
         now_ns = self._clock.now_ns() if now_ns is None else now_ns
-        while select.select([self._master], [], [], 0)[0]:
+        for _ in range(self.READS_PER_STEP):
+            if not select.select([self._master], [], [], 0)[0]:
+                break
             data = os.read(self._master, 4096)
             self._wire.send(data, now_ns)
         arriving = self._wire.arriving
