@@ -229,12 +229,12 @@ class World:
 
     def _contact_force_N(self) -> NDArray[np.float64]:
         data, force_N, wrench = self._observer, np.zeros(2), np.zeros(6)
-        for index in range(data.ncon):
-            geoms = data.contact.geom[index]
-            touching = np.isin(self._parts.tip_geom, geoms)
-            if touching.any():
-                mujoco.mj_contactForce(self._model, data, index, wrench)
-                force_N[touching] += wrench[0]
+        tips = self._parts.tip_geom.tolist()
+        for index, geoms in enumerate(data.contact.geom[: data.ncon].tolist()):
+            for finger, tip in enumerate(tips):
+                if tip in geoms:
+                    mujoco.mj_contactForce(self._model, data, index, wrench)
+                    force_N[finger] += wrench[0]
         return force_N
 
 
