@@ -14,6 +14,7 @@ from __future__ import annotations
 import difflib
 import math
 import reprlib
+from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import msgspec
@@ -23,9 +24,10 @@ from numpy.typing import NDArray
 
 from calibration.toml_files import MISSING, FieldError, from_document
 from controller.pose import Component, Coordinate, Pose
+from controller.service.answers import VERSION as VERSION
+from controller.service.answers import plain
 from drivers.errors import CommandError, ConfigurationError
 
-VERSION = 1
 MAXIMUM_REQUEST_BYTES = 65536
 LARGEST_SEQUENCE = 2**53
 
@@ -239,13 +241,14 @@ def decode_request(data: bytes) -> Request:
         message = f"request: v = {version} is not spoken here"
         raise RequestError("unsupported_version", message, seq=seq, key="v", accepted=f"v = {VERSION}")
     envelope = _converted(content, _Envelope, "request", seq)
-    kind = COMMANDS.get(envelope.command)
-    if kind is None:
-        close = difflib.get_close_matches(envelope.command[:100], COMMANDS, n=1)
-        accepted = (f"{close[0]}? One of " if close else "one of ") + ", ".join(COMMANDS)
-        message = f"There is no command {reprlib.repr(envelope.command)}"
-        raise RequestError("unknown_command", message, seq=seq, key="command", accepted=accepted)
+    kind = _kind(envelope.command, seq)
     return Request(envelope.seq, _converted(envelope.args, kind, kind.name, seq), envelope.deadline_s)
+
+
+def make_command(name: str, args: Mapping[str, Any]) -> Command:
+    """The command `name` with `args` as a request holds them; None and NumPy values are fine. Raises `RequestError`."""
+    given = {key: value for key, value in args.items() if value is not None}
+    return _converted(msgspec.to_builtins(given, enc_hook=plain), _kind(name, None), name, None)
 
 
 def encode_request(request: Request) -> bytes:
@@ -255,6 +258,16 @@ def encode_request(request: Request) -> bytes:
     if request.deadline_s is not None:
         message["deadline_s"] = request.deadline_s
     return msgspec.msgpack.encode(message)
+
+
+def _kind(name: str, seq: int | None) -> type[Command]:
+    kind = COMMANDS.get(name)
+    if kind is None:
+        close = difflib.get_close_matches(name[:100], COMMANDS, n=1)
+        accepted = (f"{close[0]}? One of " if close else "one of ") + ", ".join(COMMANDS)
+        problem = f"There is no command {reprlib.repr(name)}"
+        raise RequestError("unknown_command", problem, seq=seq, key="command", accepted=accepted)
+    return kind
 
 
 def _sequence(content: dict[Any, Any]) -> int | None:
