@@ -1,8 +1,8 @@
 """Hand × object × grasp → motion table.
 
-Solves the grasp's equilibria on mean and difference of the tendon excursions, and again on mean load and difference; takes all slopes
-from the equations themselves (implicit functions, no finite differences); and records what the table was made of. Source: design 4,
-hand-mechanics reference 6 and 11.
+Solves the grasp's equilibria on mean and difference of the tendon excursions, and again on mean load and difference;
+takes all slopes from the equations themselves (implicit functions, no finite differences); and records what the table
+was made of. Source: design 4, hand-mechanics reference 6 and 11.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 
 from calibration.grasp.continuation import advance
 from calibration.grasp.equilibrium import TOLERANCE, Drive, Flags, GraspSystem, grasp_system
-from calibration.grasp.path_grid import PathGrid, events, excursion_drive, load_drive, solve_path_grid
+from calibration.grasp.path_grid import PathGrid, events, excursion_drive, known, load_drive, solve_path_grid
 from calibration.grasp.specification import GraspSpec
 from calibration.hand.finger import Reals
 from calibration.hand.parameters import Hand
@@ -132,13 +132,23 @@ def build_or_load(
 
 def inputs_sha256(hand: Hand, object: GraspObject, grasp: GraspSpec, *, nodes: int = NODES) -> str:
     """SHA-256 over all that a table depends on."""
+    return _digest(described(hand), described(object), described(grasp), nodes)
+
+
+def is_current(table: MotionTable) -> bool:
+    """Whether this version, with the parameters in the table's header, would build the same table."""
+    header = table.header
+    return header.inputs_sha256 == _digest(header.hand, header.object, header.grasp, int(header.settings["nodes"]))
+
+
+def _digest(hand: Mapping[str, Any], object: Mapping[str, Any], grasp: Mapping[str, Any], nodes: int) -> str:
     inputs: Mapping[str, Any] = {
         "format": FORMAT_VERSION,
         "model": MODEL_VERSION,
         "package": importlib.metadata.version("stillgrasp"),
-        "hand": described(hand),
-        "object": described(object),
-        "grasp": described(grasp),
+        "hand": hand,
+        "object": object,
+        "grasp": grasp,
         "settings": _settings(nodes),
     }
     return hashlib.sha256(json.dumps(inputs, sort_keys=True, allow_nan=False).encode()).hexdigest()
@@ -160,28 +170,27 @@ def _channel_rows(system: GraspSystem) -> Reals:
 
 def _node_arrays(name: str, system: GraspSystem, drive: Drive, w: Reals, channels: Reals) -> Arrays:
     """Values and slopes at the nodes of `w` (n0, n1, size)."""
-    known = np.isfinite(w).all(2)
+    solved = known(w)
     first = system.first_state()
     contact = channels @ first
     contact[6:] = 0.0  # loads and forces are stored as they are, only the pose is relative
-    tangent = system.tangent(w[known], drive)
+    tangent = system.tangent(w[solved], drive)
     fields = {
-        "value": w[known] @ channels.T - contact,
+        "value": w[solved] @ channels.T - contact,
         "along_0": tangent[:, :, 0] @ channels.T,
         "along_1": tangent[:, :, 1] @ channels.T,
-        "mixed": system.mixed_derivative(w[known], drive, tangent) @ channels.T,
+        "mixed": system.mixed_derivative(w[solved], drive, tangent) @ channels.T,
     }
     arrays: Arrays = {}
     for key, values in fields.items():
-        full = np.full((*known.shape, channels.shape[0]), np.nan)
-        full[known] = values
+        full = np.full((*solved.shape, channels.shape[0]), np.nan)
+        full[solved] = values
         arrays[f"{name}.{key}"] = full
     return arrays
 
 
 def _residual(system: GraspSystem, drive: Drive, w: Reals) -> float:
-    known = w[np.isfinite(w).all(-1)]
-    return float(system.residual(known, drive).max())
+    return float(system.residual(w[known(w)], drive).max())
 
 
 def _excursion_arrays(system: GraspSystem, path: PathGrid, channels: Reals) -> tuple[Arrays, float]:
@@ -248,7 +257,7 @@ def _load_arrays(system: GraspSystem, path: PathGrid, channels: Reals, nodes: in
         for unknown in range(system.size):
             guess[near, column, unknown] = np.interp(axis[near], loads, states[:, unknown])
     w = _solved_by_load(system, path, by_load, axis, guess)
-    solved = np.isfinite(w).all(2)
+    solved = known(w)
     end = np.maximum(_readable_end(solved, axis, end), start)
     arrays = _node_arrays("load", system, by_load, w, channels)
     arrays |= {"load.axis_0": axis, "load.axis_1": path.difference_m, "load.start": start, "load.end": end}
@@ -258,16 +267,16 @@ def _load_arrays(system: GraspSystem, path: PathGrid, channels: Reals, nodes: in
 def _solved_by_load(system: GraspSystem, path: PathGrid, drive: Drive, axis: Reals, guess: Reals) -> Reals:
     """Newton from the guesses; solutions beyond the top of the load curve are dropped."""
     w = np.full_like(guess, np.nan)
-    known = np.isfinite(guess).all(2)
-    wanted = np.stack(np.meshgrid(axis, path.difference_m, indexing="ij"), axis=-1)[known]
+    guessed = known(guess)
+    wanted = np.stack(np.meshgrid(axis, path.difference_m, indexing="ij"), axis=-1)[guessed]
     wanted[:, 1] += drive.rows[1] @ system.first_state()
-    before = drive.rows @ guess[known].T
-    found = advance(system, guess[known], drive, before.T, wanted)
-    good = np.isfinite(found).all(1)
+    before = drive.rows @ guess[guessed].T
+    found = advance(system, guess[guessed], drive, before.T, wanted)
+    good = known(found)
     rise = np.full(found.shape[0], np.nan)
     rise[good] = system.tangent(found[good], drive)[:, :, 0] @ excursion_drive(system).rows[0]
     found[~(rise > 0)] = np.nan
-    w[known] = found
+    w[guessed] = found
     return w
 
 
@@ -275,11 +284,13 @@ def _readable_end(solved: Flags, axis: Reals, end: Reals) -> Reals:
     """The domain's end, drawn back to where all cells below it have their four corners."""
     cells = solved[:-1, :-1] & solved[1:, :-1] & solved[:-1, 1:] & solved[1:, 1:]
     heights = np.array([axis[int(np.argmin(np.append(column, False)))] for column in cells.T])
-    return np.minimum(end, np.minimum(np.append(heights, np.inf), np.insert(heights, 0, np.inf)))
+    lowest: Reals = np.minimum(np.append(heights, np.inf), np.insert(heights, 0, np.inf))
+    return np.asarray(np.minimum(end, lowest))
 
 
 def _frozen_arrays(system: GraspSystem, path: PathGrid, channels: Reals) -> Arrays:
-    """Per column: how much winding lies between the first stop and the last closing joint's; load there; slopes per load above."""
+    """Per column: how much winding lies between the first stop and the last closing joint's; load there; slopes per
+    load above."""
     columns = path.difference_m.size
     travel, load_N, slope = np.full(columns, 1.0), np.zeros(columns), np.zeros((columns, channels.shape[0]))
     distal = [1, 3]

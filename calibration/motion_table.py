@@ -1,8 +1,9 @@
 """The motion table: where a squeezed object goes in the hand, looked up by tendon excursion or by tendon load.
 
-Native index: mean and difference (right − left) of the finger-side tendon excursions since first contact, m. Second index: mean tendon
-load, N, and the same difference. Poses are of the object in the hand frame, 6-D: position, m, and rotation vector, rad; motion is since first
-contact (negative y: towards the palm). Planar hands fill x, y and the rotation about z. Tendon and finger order: right, left. Source: design 4.
+Native index: mean and difference (right − left) of the finger-side tendon excursions since first contact, m. Second
+index: mean tendon load, N, and the same difference. Poses are of the object in the hand frame, 6-D: position, m, and
+rotation vector, rad; motion is since first contact (negative y: towards the palm). Planar hands fill x, y and the
+rotation about z. Tendon and finger order: right, left. Source: design 4.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from calibration.hand.parameters import Hand
 from calibration.grasp.specification import GraspSpec
+from calibration.hand.parameters import Hand
 from calibration.objects import GraspObject
 from calibration.table_file import REBUILD, Arrays, read_file, read_memory, write_file, write_memory
 from calibration.table_grid import GridNodes, Place, Reals, TableGrid, cell_coefficients
@@ -135,7 +136,8 @@ def rates(sample: TableSample, index_rate: Sequence[float] | Reals) -> Reals:
 
 
 class MotionTable:
-    """A table ready for look-up; from `build_table`, `load` or `from_memfd`. Look-up is not for several threads at once."""
+    """A table ready for look-up; from `build_table`, `load` or `from_memfd`. Look-up is not for several threads at
+    once."""
 
     def __init__(self, header: TableHeader, arrays: Arrays, source: str | Path = "(built table)") -> None:
         _check(header, arrays, source)
@@ -157,7 +159,7 @@ class MotionTable:
     # -- look-up -----------------------------------------------------------------------------------------------------
 
     def at(self, index: Sequence[float] | Reals) -> TableSample:
-        """Look up by native index (mean_excursion_m, excursion_difference_m). Wrong length or not finite: InputError."""
+        """Look up by native index (mean_excursion_m, excursion_difference_m). Wrong length, not finite: InputError."""
         if len(index) != 2:
             raise InputError(f"a look-up by {len(index)} indices; this table has 2: {', '.join(GRIDS['excursion'])}.")
         return self.at_excursion(float(index[0]), float(index[1]))
@@ -174,8 +176,9 @@ class MotionTable:
         return self._beside(grid, place, near_0, near_1)
 
     def at_load(self, mean_N: float, difference_m: float) -> TableSample:
-        """Look up by mean tendon load, N, and excursion difference right − left, m. Beyond `load_range` the load no longer
-        tells the pose, until all stops are met: then the pose is frozen and the contact forces rise with the load."""
+        """Look up by mean tendon load, N, and excursion difference right − left, m. Beyond `load_range` the load no
+        longer tells the pose, until all stops are met: then the pose is frozen and the contact forces rise with the
+        load."""
         grid = self._load
         rows = grid.inside(mean_N, difference_m)
         if rows is not None:
@@ -255,7 +258,8 @@ class MotionTable:
 
     @classmethod
     def from_memfd(cls, descriptor: int) -> MotionTable:
-        """Map a table handed over by `to_memfd`, read-only. The descriptor may be closed afterwards. Errors: TableError."""
+        """Map a table handed over by `to_memfd`, read-only. The descriptor may be closed afterwards. Errors:
+        TableError."""
         header, arrays = read_memory(descriptor)
         source = f"memory file {descriptor}"
         return cls(_header(header, source), arrays, source)

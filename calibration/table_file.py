@@ -1,8 +1,9 @@
 """A motion table as bytes: a file that notices every change, and a sealed memory file for another process.
 
-File: NumPy `.npz` without pickle; member `header` is JSON, the others are arrays. The archive's comment is the SHA-256 of all bytes before
-it, so one altered, missing or added byte is found. Written to a neighbour, synced and renamed.
-Memory file: magic, length of the JSON, JSON, then the arrays at the offsets it names, sealed against change. Source: design 2, 4.
+File: NumPy `.npz` without pickle; member `header` is JSON, the others are arrays. The archive's comment is the
+SHA-256 of all bytes before it, so one altered, missing or added byte is found. Written to a neighbour, synced and
+renamed. Memory file: magic, length of the JSON, JSON, then the arrays at the offsets it names, sealed against change.
+Source: design 2, 4.
 """
 
 from __future__ import annotations
@@ -90,7 +91,8 @@ def read_file(path: str | Path) -> tuple[dict[str, Any], Arrays]:
 
 def write_memory(header: Mapping[str, Any], arrays: Arrays) -> int:
     """Descriptor of a sealed memory file with header and arrays; the caller closes it."""
-    offset, layout = 0, {}
+    offset = 0
+    layout: dict[str, dict[str, Any]] = {}
     for name, array in arrays.items():
         layout[name] = {"dtype": array.dtype.str, "shape": list(array.shape), "offset": offset}
         offset += -(-array.nbytes // ALIGNMENT) * ALIGNMENT

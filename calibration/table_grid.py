@@ -1,9 +1,9 @@
 """One grid of a motion table: C¹ look-up with derivatives, and the curves between which it may be read.
 
-Bicubic Hermite cells over two index axes: values, both slopes and the mixed derivative agree at every node, so value and slopes are
-continuous everywhere. The domain lies between a start and an end curve over the second axis (straight between its nodes). A cell with a
-missing corner is never read. Units are those of the axes and channels (see `motion_table`). Source: design 4; cubic Hermite
-interpolation is textbook.
+Bicubic Hermite cells over two index axes: values, both slopes and the mixed derivative agree at every node, so value
+and slopes are continuous everywhere. The domain lies between a start and an end curve over the second axis (straight
+between its nodes). A cell with a missing corner is never read. Units are those of the axes and channels (see
+`motion_table`). Source: design 4; cubic Hermite interpolation is textbook.
 """
 
 from __future__ import annotations
@@ -45,8 +45,7 @@ class GridNodes:
     @property
     def known(self) -> NDArray[np.bool_]:
         """(n0, n1) nodes with a solution."""
-        known: NDArray[np.bool_] = np.isfinite(self.value).all(2)
-        return known
+        return np.asarray(np.isfinite(self.value).all(2), np.bool_)
 
 
 def cell_coefficients(nodes: GridNodes, step_0: float, step_1: float) -> Reals:
@@ -74,12 +73,13 @@ class TableGrid:
         self.origin, self.step = origin, step
         self._start: list[float] = start.tolist()
         self._end: list[float] = end.tolist()
-        self._last = n0 - 1, n1 - 1
+        self._last: tuple[int, int] = (n0 - 1, n1 - 1)
         flat = coefficients.reshape(n0, n1, 16, channels)
-        known = np.isfinite(flat).all((2, 3))
+        known = np.asarray(np.isfinite(flat).all((2, 3)))
         self._cells = [[flat[i, j] if known[i, j] else None for j in range(n1)] for i in range(n0)]
         self._inverse = 1.0 / step[0], 1.0 / step[1]
-        self._powers = np.zeros((3, 16))
+        self._memory = bytearray(48 * 8)
+        self._powers = np.frombuffer(self._memory).reshape(3, 16)
         self._pack = struct.Struct("48d").pack_into
 
     @property
@@ -101,7 +101,7 @@ class TableGrid:
         return self._on_curve(self._end, index_1)
 
     def inside(self, index_0: float, index_1: float) -> Reals | None:
-        """(3, channels) value and slopes along axes 0 and 1 where the domain can be read, else None; the fast way in."""
+        """(3, channels) value and slopes along axes 0 and 1 where the domain can be read, else None; the fast way."""
         origin_0, origin_1 = self.origin
         share = (index_1 - origin_1) * self._inverse[1]
         last_0, last_1 = self._last
@@ -125,7 +125,8 @@ class TableGrid:
         return None if cell is None else self._rows(cell, share - i, v)
 
     def place(self, index_0: float, index_1: float) -> tuple[Place, float, float]:
-        """Where the index lies, and the nearest index of the domain along axis 1, then axis 0. Not finite: InputError."""
+        """Where the index lies, and the nearest index of the domain along axis 1, then axis 0. Not finite:
+        InputError."""
         if not math.isfinite(index_0 + index_1):
             raise InputError(f"index ({index_0}, {index_1}) of a motion table is not finite.")
         low, high = self.range_1
@@ -147,7 +148,7 @@ class TableGrid:
         f2, f3 = 2.0 * a * u, 3.0 * a * u2
         g2, g3 = 2.0 * b * v, 3.0 * b * v2
         self._pack(
-            self._powers, 0,
+            self._memory, 0,
             1.0, u, u2, u3, v, v * u, v * u2, v * u3, v2, v2 * u, v2 * u2, v2 * u3, v3, v3 * u, v3 * u2, v3 * u3,
             0.0, a, f2, f3, 0.0, v * a, v * f2, v * f3, 0.0, v2 * a, v2 * f2, v2 * f3, 0.0, v3 * a, v3 * f2, v3 * f3,
             0.0, 0.0, 0.0, 0.0, b, b * u, b * u2, b * u3, g2, g2 * u, g2 * u2, g2 * u3, g3, g3 * u, g3 * u2, g3 * u3,
@@ -157,6 +158,6 @@ class TableGrid:
 
     def _on_curve(self, curve: list[float], index_1: float) -> float:
         share = (index_1 - self.origin[1]) / self.step[1]
-        j = min(max(int(share), 0), self._last[1])
-        t = min(max(share - j, 0.0), 1.0)
+        j = min(max(int(share), 0), len(curve) - 2)
+        t: float = min(max(share - j, 0.0), 1.0)
         return curve[j] + (curve[j + 1] - curve[j]) * t

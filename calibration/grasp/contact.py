@@ -1,8 +1,9 @@
 """Rolling contact of a fingertip on the object: two holonomic constraints with exact derivatives.
 
-Gap g_n = 0 and no-slip rolling g_t = 0, lengths in m, in the closing plane of the hand frame. Multipliers λ give the force on
-the object: N = −λ_n along the normal n from fingertip to object, f_t = −λ_t along t = i n. The rolling constant is taken at first
-contact. Other shapes are further classes with the same methods. Source: hand-mechanics reference 5.
+Gap g_n = 0 and no-slip rolling g_t = 0, lengths in m, in the closing plane of the hand frame. Multipliers λ give the
+force on the object: N = −λ_n along the normal n from fingertip to object, f_t = −λ_t along t = i n. The rolling
+constant is taken at first contact. Other shapes are further classes with the same methods. Source: hand-mechanics
+reference 5.
 """
 
 from __future__ import annotations
@@ -57,9 +58,9 @@ class ArcOnDisc:
     def at(self, q: Reals, pose: Reals) -> ConstraintJet:
         n, D = q.shape[1], self.centre_distance_m
         zeta, d_zeta, dd_zeta = self._zeta(self.finger.tip.at(q), pose)
-        logarithm = D * np.log(zeta / (D * self.reference))
-        gradient = D * d_zeta / zeta[:, None]
-        hessian = D * dd_zeta / zeta[:, None, None]
+        logarithm: Complexes = np.asarray(D * np.log(zeta / (D * self.reference)), np.complex128)
+        gradient: Complexes = D * d_zeta / zeta[:, None]
+        hessian: Complexes = D * dd_zeta / zeta[:, None, None]
         hessian -= gradient[:, :, None] * gradient[:, None, :] / D
         rho, angle = self.finger.tip_radius_m, self.finger.angle_rad + q @ self.finger.angle_row
         value = _parts(logarithm)

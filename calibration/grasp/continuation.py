@@ -1,7 +1,8 @@
-"""Following equilibria while the drive moves: tangent prediction, Newton correction, and smaller steps where it is curved.
+"""Following equilibria while the drive moves: tangent prediction, Newton correction, and smaller steps where it is
+curved.
 
-Continuation is what picks the physical branch: a step that moves any scaled unknown too far is halved, so a solution never jumps
-to a mirrored one. Works on many states at once. Source: hand-mechanics reference 11 and 14.
+Continuation is what picks the physical branch: a step that moves any scaled unknown too far is halved, so a solution
+never jumps to a mirrored one. Works on many states at once. Source: hand-mechanics reference 11 and 14.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ def advance(
     stops: bool = False,
     halvings: int = HALVINGS,
 ) -> Reals:
-    """Move solutions `w` (B, size) of drive targets `start` (B, 2) to `end` (B, 2); a state that cannot follow becomes NaN."""
+    """Move solutions `w` (B, size) of drive targets `start` (B, 2) to `end` (B, 2); a state that cannot follow
+    becomes NaN."""
     result = np.full_like(w, np.nan)
     alive = np.flatnonzero(np.isfinite(w).all(1))
     if alive.size == 0:

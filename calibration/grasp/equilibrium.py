@@ -1,13 +1,14 @@
-"""Static equilibrium of hand and object: Newton's method on the KKT conditions, many grasps states at once.
+"""Static equilibrium of hand and object: Newton's method on the KKT conditions, many states of a grasp at once.
 
-One state is w = [z, λ, T]: z = right and left joint coordinates (rad), object x, y (m), θ (rad) in the hand frame; λ = contact
-multipliers (right n, t, left n, t; force on the object = −λ, N); T = tendon loads (right, left; N). It solves
+One state is w = [z, λ, T]: z = right and left joint coordinates (rad), object x, y (m), θ (rad) in the hand frame; λ
+= contact multipliers (right n, t, left n, t; force on the object = −λ, N); T = tendon loads (right, left; N). It
+solves
 
-    ∇V(z) + ∇gᵀλ − ∇lᵀT + μ = wrench on the object,   g(z) = 0 (contacts),   A w = target (the drive: two linear conditions),
+    ∇V(z) + ∇gᵀλ − ∇lᵀT + μ = 0,   g(z) = 0 (contacts),   A w = target (the drive: two linear conditions),
 
 and for every joint at a stop z_i = stop, with its torque μ_i (else μ_i = 0). The drive says what is prescribed: two
-excursions, mean load and excursion difference, or an event such as 'this joint meets its stop'. Unknowns and rows are scaled
-(lengths by 30 mm, torques by the joints' stiffness). Source: hand-mechanics reference 6, 11 and 14.
+excursions, mean load and excursion difference, or an event such as 'this joint meets its stop'. Unknowns and rows are
+scaled (lengths by 30 mm, torques by the joints' stiffness). Source: hand-mechanics reference 6, 11 and 14.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.grasp.contact import ConstraintJet, RollingContact, rolling_contact
 from calibration.grasp.preposition import FirstContact, first_contact
@@ -29,7 +31,7 @@ STEP_LIMIT = 0.2
 TOLERANCE = 1e-12
 ITERATIONS = 30
 
-Flags = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,8 @@ class Drive:
 
 @dataclass(frozen=True)
 class States:
-    """B solutions: `w` (B, size); `stop_torque_Nm` (B, joints), positive at an upper stop, 0 when free; `converged` (B,)."""
+    """B solutions: `w` (B, size); `stop_torque_Nm` (B, joints), positive at an upper stop, 0 when free; `converged`
+    (B,)."""
 
     w: Reals
     stop_torque_Nm: Reals
@@ -124,8 +127,8 @@ class GraspSystem:
     def solve(self, guess: Reals, drive: Drive, target: Reals, *, stops: bool = False) -> States:
         """Newton from `guess` (B, size) to the drive's `target` (B, 2). Without `stops` the joints move beyond them.
 
-        A state that does not converge says so; nothing is raised. With all of an excursion drive's freedom taken by stops
-        the equations contradict each other: such a state does not converge either; drive by load there.
+        A state that does not converge says so; nothing is raised. With all of an excursion drive's freedom taken by
+        stops the equations contradict each other: such a state does not converge either; drive by load there.
         """
         w = np.array(guess, dtype=float)
         batch = w.shape[0]
@@ -266,13 +269,14 @@ class GraspSystem:
         return scale
 
     def _active(self, w: Reals, mu: Reals) -> Reals:
-        """Joints at a stop, decided by torque and overshoot together (primal–dual active set): symmetric joints are taken
-        and released together."""
+        """Joints at a stop, decided by torque and overshoot together (primal–dual active set): symmetric joints are
+        taken and released together."""
         q = w[:, : self.joints]
         stiffness = self.stiffness[: self.joints]
         upper = mu + stiffness * (q - self.upper_rad) > 1e-12 * stiffness
         lower = mu + stiffness * (q - self.lower_rad) < -1e-12 * stiffness
-        return upper.astype(float) - lower.astype(float)
+        active: Reals = upper.astype(float) - lower.astype(float)
+        return active
 
     def _regular(self, active: Reals, drive: Drive) -> Flags:
         """False where contacts, stops and the drive's conditions on z are more than z has unknowns."""
@@ -296,13 +300,13 @@ def grasp_system(hand: Hand, grasped: GraspObject, grasp: GraspSpec) -> GraspSys
 def _solve(K: Reals, right: Reals) -> Reals:
     """Batched solve; a singular matrix gives NaN for its own state instead of an exception for all."""
     try:
-        return np.linalg.solve(K, right)
+        return np.asarray(np.linalg.solve(K, right), np.float64)
     except np.linalg.LinAlgError:
         return np.stack([_solve_one(matrix, column) for matrix, column in zip(K, right, strict=True)])
 
 
 def _solve_one(K: Reals, right: Reals) -> Reals:
     try:
-        return np.linalg.solve(K, right)
+        return np.asarray(np.linalg.solve(K, right), np.float64)
     except np.linalg.LinAlgError:
         return np.full_like(right, np.nan)

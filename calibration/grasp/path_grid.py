@@ -1,9 +1,10 @@
 """Equilibria of a grasp on a grid, and the curves on which its domain begins and ends.
 
-Grid axes: mean tendon excursion since first contact, and its difference, right − left (finger-side, m). Nodes are solutions of the
-smooth equations, in which joints pass their stops; so cells that the domain's end crosses can be interpolated right up to it.
-The domain of a column of equal difference begins where the fingers press (N ≥ 0) and ends at the first event: a joint at a stop, a
-tendon at its load cap or slack, contact lost, or no stable equilibrium. Source: hand-mechanics reference 6 and 11.
+Grid axes: mean tendon excursion since first contact, and its difference, right − left (finger-side, m). Nodes are
+solutions of the smooth equations, in which joints pass their stops; so cells that the domain's end crosses can be
+interpolated right up to it. The domain of a column of equal difference begins where the fingers press (N ≥ 0) and
+ends at the first event: a joint at a stop, a tendon at its load cap or slack, contact lost, or no stable equilibrium.
+Source: hand-mechanics reference 6 and 11.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Event:
-    """A linear function of w, `row` @ w, that must stay on the inner side of `limit`: `sign` · (row @ w − limit) ≥ 0."""
+    """A linear function of w, `row` @ w, that stays on the inner side of `limit`: `sign` · (row @ w − limit) ≥ 0."""
 
     name: str
     row: Reals
@@ -60,8 +61,7 @@ class PathGrid:
     @property
     def solved(self) -> Flags:
         """(rows, columns) where there is a solution."""
-        solved: Flags = np.isfinite(self.w).all(2)
-        return solved
+        return known(self.w)
 
 
 def excursion_drive(system: GraspSystem) -> Drive:
@@ -94,7 +94,8 @@ def events(system: GraspSystem) -> list[Event]:
 def solve_path_grid(
     system: GraspSystem, *, nodes: int, columns: int, difference_range_m: float, progress: Progress = lambda _: None
 ) -> PathGrid:
-    """Solve the grid: `columns` differences over ±`difference_range_m`, about `nodes` means up to the longest column's end.
+    """Solve the grid: `columns` differences over ±`difference_range_m`, about `nodes` means up to the longest
+    column's end.
 
     Errors: MechanicsError when there is no path from first contact with equal excursions.
     """
@@ -105,18 +106,18 @@ def solve_path_grid(
     row = _first_row(system, drive, origin, difference)
     watched = events(system)
     rows, means = [row], [0.0]
-    ended = ~np.isfinite(row).all(1)
+    ended = ~known(row)
     pressed = _pressed(system, row, 0.0)
     while not _with_neighbours(ended).all() and means[-1] < LONGEST_PATH_M:
         alive = ~_with_neighbours(ended)
         target = origin + np.column_stack([np.full(columns, means[-1]), difference])
-        row = advance(system, np.where(alive[:, None], row, np.nan), drive, target, target + [step, 0.0])
+        row = advance(system, np.where(alive[:, None], row, np.nan), drive, target, target + np.array([step, 0.0]))
         rows.append(row)
         means.append(means[-1] + step)
         outside = np.array([event.inside(row) < 0 for event in watched if "contact" not in event.name]).any(0)
         lost = pressed & (row @ system.contact_rows()[[0, 2]].T < 0).any(1)
         pressed |= _pressed(system, row, 0.0)
-        ended |= outside | lost | ~np.isfinite(row).all(1)
+        ended |= outside | lost | ~known(row)
         progress(min(1.0, len(rows) / (nodes + 4)))
     grid = PathGrid(
         np.array(means), difference, np.array(rows), np.zeros(columns), np.zeros(columns), np.empty((0, 0)), ()
@@ -124,12 +125,17 @@ def solve_path_grid(
     return _with_ends(system, drive, origin, grid)
 
 
+def known(values: Reals) -> Flags:
+    """Where the last axis is finite throughout."""
+    return np.asarray(np.isfinite(values).all(-1), np.bool_)
+
+
 def _middle_end(system: GraspSystem, drive: Drive, origin: Reals) -> float:
     """Mean excursion at which the path of equal excursions ends, from a fine trace, m."""
     w, mean = system.first_state()[None], 0.0
     watched = [event for event in events(system) if "contact" not in event.name]
     while mean < LONGEST_PATH_M:
-        target = origin + [[mean, 0.0]]
+        target = origin + np.array([[mean, 0.0]])
         step = np.array([[TRACE_STEP_M, 0.0]])
         moved = advance(system, w, drive, target, target + step)
         if not np.isfinite(moved).all() or min(float(event.inside(moved)[0]) for event in watched) < 0:
@@ -159,8 +165,7 @@ def _first_row(system: GraspSystem, drive: Drive, origin: Reals, difference: Rea
 
 
 def _pressed(system: GraspSystem, w: Reals, least_N: float) -> Flags:
-    pressed: Flags = (w @ system.contact_rows()[[0, 2]].T > least_N).all(1)
-    return pressed
+    return np.asarray((w @ system.contact_rows()[[0, 2]].T > least_N).all(1), np.bool_)
 
 
 def _with_neighbours(ended: Flags) -> Flags:

@@ -1,8 +1,9 @@
 """Where a grasp begins: free closing of both fingers until they touch the object.
 
-A grasp whose fingers touch at loads T(1 + δ) right and T(1 − δ) left has the onset split δ; δ = 0 is symmetric. The object stands with its
-centre on the line between the two tip centres, midway; its axes are those of the hand at that moment (θ = 0). Contact forces are
-still zero there, so it is an exact equilibrium to start from. Hand frame, SI. Source: hand-mechanics reference 4 and 6.
+A grasp whose fingers touch at loads T(1 + δ) right and T(1 − δ) left has the onset split δ; δ = 0 is symmetric. The
+object stands with its centre on the line between the two tip centres, midway; its axes are those of the hand at that
+moment (θ = 0). Contact forces are still zero there, so it is an exact equilibrium to start from. Hand frame, SI.
+Source: hand-mechanics reference 4 and 6.
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from calibration.hand.finger import FingerModel, Reals, finger_models
 from calibration.grasp.specification import GraspSpec
+from calibration.hand.finger import FingerModel, Reals, finger_models
 from calibration.hand.parameters import Hand
 from calibration.objects import GraspObject
 from drivers.errors import MechanicsError

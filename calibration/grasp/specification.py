@@ -1,4 +1,5 @@
-"""How a hand takes an object: the parameters of one grasp, beside those of hand and object. SI units. Source: design 7."""
+"""How a hand takes an object: the parameters of one grasp, beside those of hand and object. SI units. Source: design
+7."""
 
 from __future__ import annotations
 
@@ -11,10 +12,12 @@ from drivers.errors import MechanicsError
 
 
 class GraspSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """`onset_split` δ: the fingers touch at loads T(1 + δ) right, T(1 − δ) left (hand-mechanics reference 6); 0 is symmetric.
+    """`onset_split` δ: the fingers touch at loads T(1 + δ) right, T(1 − δ) left (hand-mechanics reference 6); 0 is
+    symmetric.
 
-    `contact_friction`: coefficient at the fingertips, that required friction is compared with. `load_cap_N`: tendon load at which winding
-    stops; None is the hand's. `supported`: the object stands on its support while it is gripped.
+    `contact_friction`: coefficient at the fingertips, that required friction is compared with. `load_cap_N`: tendon
+    load at which winding stops; None is the hand's. `supported`: the object stands on its support while it is
+    gripped.
     """
 
     onset_split: Annotated[float, Meta(gt=-1, lt=1)] = 0.0

@@ -66,8 +66,9 @@ class Bundle:
 class FingerModel:
     """What the mechanics need of one finger with n coordinates.
 
-    `tip`: centre of the fingertip arc, radius `tip_radius_m`. Absolute distal link angle: `angle_rad + angle_row · q`.
-    Tendon excursion since rest: `tendon_arm_m · q`. Energy: ½ Σ `stiffness_Nm_per_rad` q². Stops: `lower_rad`, `upper_rad`.
+    `tip`: centre of the fingertip arc, radius `tip_radius_m`. Absolute distal link angle: `angle_rad + angle_row ·
+    q`. Tendon excursion since rest: `tendon_arm_m · q`. Energy: ½ Σ `stiffness_Nm_per_rad` q². Stops: `lower_rad`,
+    `upper_rad`.
     """
 
     tip: Bundle
