@@ -2,7 +2,7 @@
 
 `SeqpacketBus` is the python-can interface "seqpacket"; its channel is the path of the socket that a `SeqpacketHub`
 holds. The hub carries frames in arbitration order with the delays of a 1 Mbit/s wire, to every client but the sender,
-and lets simulated devices answer. It never blocks: one loop selects over `filenos` until `next_due_ns` and calls `step`.
+and lets simulated devices answer. It never blocks: a loop selects over `filenos` until `next_due_ns` and calls `step`.
 Times in ns; message timestamps are seconds of the monotonic clock.
 """
 
@@ -78,15 +78,15 @@ class SeqpacketBus(can.BusABC):
                 raise can.CanOperationError(f"sending failed: {error}", error.errno) from error
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        deadline_ns = None if timeout is None else self._clock.now_ns() + nanoseconds(timeout)
+        deadline_ns = self._clock.now_ns() + nanoseconds(timeout) if timeout else 0
         while True:
             try:
                 packet = self._socket.recv(2 * _FRAME.size)
             except BlockingIOError:
-                remaining_s = None if deadline_ns is None else seconds(deadline_ns - self._clock.now_ns())
-                if remaining_s is not None and remaining_s <= 0.0:
+                if timeout is not None and (not timeout or self._clock.now_ns() >= deadline_ns):
                     return None, True
-                select.select([self._socket], [], [], remaining_s)
+                remaining_s = None if timeout is None else seconds(deadline_ns - self._clock.now_ns())
+                select.select([self._socket], [], [], remaining_s and max(0.0, remaining_s))
                 continue
             except OSError as error:
                 raise can.CanOperationError(f"receiving failed: {error}", error.errno) from error

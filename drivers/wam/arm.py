@@ -52,8 +52,9 @@ _REPLY_TIMEOUT_NS = nanoseconds(0.05)
 _FIRST_READ_NS = nanoseconds(0.05)
 _SAMPLING_DELAY_NS = 75_000
 """From the position request to the moment the encoders are sampled (WAM reference 4.7)."""
-_SHORTEST_ROUND_TRIP_NS = (55 + 71) * 1000
-"""Request and one reply on the wire without stuff bits: a position that comes sooner is an old one."""
+_USUAL_READING_NS = 640_000
+"""From the request to the last of seven replies, with usual stuff bits. To sleep so long and then read all of them
+costs half the processor time of waking for each."""
 _VELOCITY_SAMPLES_IGNORED = 5
 _UNANSWERED_POLLS = 10
 _ROLE_KIND = 0x1F
@@ -107,7 +108,7 @@ class Arm:
         self._safety_mode_id = property_id("MODE", self._safety.firmware, "safety")
         self._position_id = 48
         self._torque_id = 42
-        self._counts = np.zeros(JOINTS, dtype=np.int64)
+        self._counts = [0] * JOINTS
         self._missed_cycles = [0] * JOINTS
         self._quarter_turn = [1024] * JOINTS
         self._radian_per_count = np.full(JOINTS, 2.0 * np.pi / 4096.0)
@@ -250,7 +251,7 @@ class Arm:
                 continue
             if position.node in NODES:
                 counts[position.node] = position.motor_counts
-        self._counts[:] = [counts[node] for node in NODES]
+        self._counts = [counts[node] for node in NODES]
         self._missed_cycles = [0] * JOINTS
 
     def _motor_id(self, name: str) -> int:
@@ -287,9 +288,14 @@ class Arm:
         self._bus.send(position_request(GROUP_ARM, self._position_id))
 
     def collect_positions(self, deadline_ns: int) -> ArmSample:
-        """Collect the replies to the last request until all seven are there or `deadline_ns` has come."""
+        """Collect the replies to the last request until all seven are there or `deadline_ns` has come.
+
+        A late reply to an earlier request that comes after this one is recognised by its puck answering twice: the
+        later answer counts.
+        """
         fresh = [False] * JOINTS
         replies = rejected = 0
+        self._clock.sleep_until_ns(min(deadline_ns, self._request_ns + _USUAL_READING_NS))
         while replies < JOINTS and (message := self._bus.receive(deadline_ns)) is not None:
             if not is_position(message):
                 self._notice(message)
@@ -302,23 +308,23 @@ class Arm:
             motor = position.node - 1
             if motor >= JOINTS:
                 continue
-            if fresh[motor] or self._clock.now_ns() - self._request_ns < _SHORTEST_ROUND_TRIP_NS:
-                self._stale += 1
-                continue
             # A motor that was missing may have turned for longer; more than half a turn is implausible in any case.
             allowed = self._quarter_turn[motor] * min(2, 1 + self._missed_cycles[motor])
-            if abs(position.motor_counts - int(self._counts[motor])) > allowed:
+            if abs(position.motor_counts - self._counts[motor]) > allowed:
                 rejected += 1
                 continue
+            if fresh[motor]:
+                self._stale += 1
+            else:
+                replies += 1
+            fresh[motor] = True
             self._counts[motor] = position.motor_counts
             self._missed_cycles[motor] = 0
-            fresh[motor] = True
-            replies += 1
         if replies < JOINTS:
             self._missed_cycles = [
                 missed if seen else missed + 1 for seen, missed in zip(fresh, self._missed_cycles, strict=True)
             ]
-        joint_rad = motor_to_joint(self._counts * self._radian_per_count)
+        joint_rad = motor_to_joint(np.array(self._counts, dtype=np.float64) * self._radian_per_count)
         sample_ns = self._request_ns + _SAMPLING_DELAY_NS
         return ArmSample(joint_rad, sample_ns, replies == JOINTS, replies, self._stale, rejected)
 
@@ -340,7 +346,7 @@ class Arm:
         self._bus.send(upper)
 
     def request_idle(self) -> None:
-        """Ask the safety puck for idle and return at once; `mode` tells when it is so. InputError before firmware 197."""
+        """Ask for idle and return at once; `mode` tells when it is so. InputError before safety firmware 197."""
         self._safety.request_idle()
 
     def poll_safety_mode(self) -> None:
