@@ -56,7 +56,7 @@ class TrackingSettings:
     damping: float = 1e-4  # λ far from singularities, in m
     singular_damping: float = 0.05  # λ at a singularity, in m
     singular_threshold_m: float = 0.04  # below this least singular value the damping grows
-    slowing_weight: float = 0.02  # ρ: leaving the path costs 1, slowing down costs this
+    slowing_weight: float = 0.002  # ρ: leaving the path costs 1, slowing down costs this
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
