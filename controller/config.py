@@ -110,6 +110,8 @@ class Tendons(_Table, frozen=True):
     port: Text
     baud: Annotated[int, Meta(ge=9600, le=4_500_000)]
     poll_period_s: Annotated[float, Meta(ge=0.001, le=0.1)]
+    compliance_m_per_N: Annotated[float, Meta(ge=0, le=1e-3)]
+    lag_s: Annotated[float, Meta(ge=0, le=0.5)]
     right: TendonMotor
     left: TendonMotor
 

@@ -39,6 +39,7 @@ class HandFault(IntFlag):
     HARDWARE = 2
     TORQUE_LOST = 4
     BUS_LOST = 8
+    REFUSED = 16  # a set-point was out of travel or above the current limit
 
 
 @dataclass(frozen=True)
@@ -176,8 +177,9 @@ class Reason(IntEnum):
     HAND_SILENT = 50
     HAND_HARDWARE = 51
     HAND_TORQUE_LOST = 52
+    HAND_REFUSED = 54
     LEFT_TABLE = 53
-    FRONT_LOST = 54
+    FRONT_LOST = 56
     BUS_FAILED = 55
     INTERNAL = 60
 

@@ -38,7 +38,9 @@ EXPLANATIONS: Final[dict[Reason, Explanation]] = {
     Reason.SUPERSEDED: Explanation("superseded", "A later command took its place.", ""),
     Reason.STOPPED_BY_COMMAND: Explanation("stopped", "It was stopped by a command.", ""),
     Reason.NO_CONTACT: Explanation(
-        "no_contact", "The fingers closed without touching anything.", "Check where the object is; the hand opened again."
+        "no_contact",
+        "The fingers closed without touching anything.",
+        "Check where the object is; the hand opened again.",
     ),
     Reason.ONE_SIDED_CONTACT: Explanation(
         "one_sided_contact", "Only one finger touched.", "The object stands off the hand's axis; the hand opened again."
@@ -66,10 +68,14 @@ EXPLANATIONS: Final[dict[Reason, Explanation]] = {
     ),
     Reason.ARM_JUMP: Explanation("arm_jump", "A position jumped implausibly.", "Check the encoder of that motor."),
     Reason.TRACKING_ERROR: Explanation(
-        "tracking_error", "A joint is too far from where it was commanded.", "Something blocks the arm, or the gains are low."
+        "tracking_error",
+        "A joint is too far from where it was commanded.",
+        "Something blocks the arm, or the gains are low.",
     ),
     Reason.COLLISION: Explanation(
-        "collision", "Joint torques are beyond what the model explains: a collision.", "Free the arm, then `fault.clear`."
+        "collision",
+        "Joint torques are beyond what the model explains: a collision.",
+        "Free the arm, then `fault.clear`.",
     ),
     Reason.OFFSET_LIMIT: Explanation(
         "offset_limit", "The compensating offset would exceed its limit.", "Check table and hand against each other."
@@ -80,11 +86,18 @@ EXPLANATIONS: Final[dict[Reason, Explanation]] = {
     Reason.HAND_SILENT: Explanation(
         "hand_silent", "No fresh sample of the tendon motors.", "Check the hand's power and serial line."
     ),
-    Reason.HAND_HARDWARE: Explanation("hand_hardware", "A tendon motor reports a hardware error.", "Read its error bits."),
+    Reason.HAND_HARDWARE: Explanation(
+        "hand_hardware", "A tendon motor reports a hardware error.", "Read its error bits."
+    ),
     Reason.HAND_TORQUE_LOST: Explanation(
         "hand_torque_lost",
         "A tendon motor let go: the object may have been dropped.",
         "Secure the object before rebooting the motor.",
+    ),
+    Reason.HAND_REFUSED: Explanation(
+        "hand_refused",
+        "A set-point is beyond a tendon motor's travel or current limit.",
+        "Check zero, travel and load cap of the tendon motors.",
     ),
     Reason.LEFT_TABLE: Explanation("left_table", "The grasp left the motion table.", "Release and grasp again."),
     Reason.FRONT_LOST: Explanation("front_lost", "The front process is gone.", "Start the daemon again."),

@@ -123,9 +123,7 @@ class ArmMotion:
         turn = pinocchio.log3(T_world_wrist[:3, :3] @ start[:3, :3].T)
         distance_m, angle_rad = float(math.hypot(*shift)), float(math.hypot(*turn))
         # The path is one number from 0 to 1; the slower of translation and rotation sets its pace.
-        pace = max(
-            distance_m / limits.wrist_velocity_m_s, angle_rad / limits.wrist_angular_velocity_rad_s, 1e-3
-        )
+        pace = max(distance_m / limits.wrist_velocity_m_s, angle_rad / limits.wrist_angular_velocity_rad_s, 1e-3)
         agility = limits.wrist_acceleration_m_s2 / limits.wrist_velocity_m_s
         snap = limits.wrist_jerk_m_s3 / limits.wrist_velocity_m_s
         request = ruckig.InputParameter(1)

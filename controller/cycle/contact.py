@@ -18,10 +18,13 @@ class ContactSettings:
     """Thresholds of the contact search."""
 
     rise_N: float = 2.5  # above the free line before a finger counts as touching; several current counts of 0.46 N
+    early_rise_N: float = 20.0  # the same while closing fast, where acceleration shakes the load
+    settle_m: float = 0.4e-3  # of slow winding before the free line is fitted: slowing down shakes the load too
     samples: int = 4  # above it in a row
     gate_m: float = 1.5e-3  # contact further than this from the table's is not this grasp
+    table_deviation_m: float = 5e-5  # standard deviation of the table's own contact excursion (spool zero, object size)
+    load_deviation_m: float = 1.5e-4  # of the one found: one motor tick is 2.8 N of load, a dragging support 2 N more
     clear_m: float = 0.4e-3  # samples nearer to the table's contact than this are not fitted as free closing
-    minimum_free_samples: int = 8
 
 
 @dataclass(frozen=True)
@@ -51,42 +54,46 @@ class FingerContact:
         self._count = 0
         self._offset_N = 0.0
         self._above = 0
+        self._start_m: float | None = None
         self._meeting_sum_m = 0.0
         self._meetings = 0
         self.touch = Touch.FREE
 
     @property
     def contact_excursion_m(self) -> float:
-        """Excursion of first contact, back-dated, m; the table's until contact was found."""
+        """Excursion of first contact, back-dated, m: table and load weighed by their variances; the table's until
+        contact was found."""
+        expected_m = self._expected.contact_excursion_m
         if self.touch is not Touch.TOUCHING or self._meetings == 0:
-            return self._expected.contact_excursion_m
-        return self._meeting_sum_m / self._meetings
+            return expected_m
+        table, load = self._settings.table_deviation_m**2, self._settings.load_deviation_m**2
+        return expected_m + table / (table + load) * (self._meeting_sum_m / self._meetings - expected_m)
 
     @property
     def onset_load_N(self) -> float:
         """Measured load at contact, N: on the free line, so with the same constant friction as all winding samples."""
         return self._offset_N + self._expected.free_slope_N_per_m * self.contact_excursion_m
 
-    def take(self, excursion_m: float, load_N: float) -> Touch:
+    def take(self, excursion_m: float, load_N: float, *, slow: bool) -> Touch:
         """One sample of a winding finger (finger-side excursion, load); returns what is known now.
 
-        Samples that are not finite are ignored.
+        `slow`: the finger winds at the constant slow rate of the search; before that only a large rise counts, as early
+        contact. Samples that are not finite are ignored.
         """
         if not (math.isfinite(excursion_m) and math.isfinite(load_N)):
             return self.touch
         settings, expected = self._settings, self._expected
         to_contact_m = excursion_m - expected.contact_excursion_m
         residual_N = load_N - expected.free_slope_N_per_m * excursion_m
+        if slow and self._start_m is None:
+            self._start_m = excursion_m
+        settling = self._start_m is None or excursion_m - self._start_m < settings.settle_m
         rise_N = residual_N - self._offset_N
-        if self._count < settings.minimum_free_samples or (to_contact_m < -settings.clear_m and rise_N < settings.rise_N):
+        self._above = self._above + 1 if rise_N >= (settings.early_rise_N if settling else settings.rise_N) else 0
+        if self._above >= settings.samples:
+            self._point_back(excursion_m, rise_N)
+        elif not settling and self._above == 0 and to_contact_m < -settings.clear_m:
             self._fit(residual_N)
-            self._above = 0
-        elif rise_N >= settings.rise_N:
-            self._above += 1
-            if self._above >= settings.samples:
-                self._point_back(excursion_m, rise_N)
-        else:
-            self._above = 0
         if self.touch is Touch.FREE and to_contact_m > settings.gate_m:
             self.touch = Touch.MISSED
         return self.touch

@@ -21,6 +21,7 @@ from controller.cycle.grasping import Grasping, Outcome
 from controller.cycle.joint_control import JointControl
 from controller.cycle.orders import Orders
 from controller.cycle.pacer import Pacer
+from controller.cycle.planar_table import STATUS_NUMBERS
 from controller.cycle.safety import SafetyMonitor, governor
 from controller.messages import (
     CYCLE_RECORD,
@@ -200,13 +201,13 @@ class Cycle:
         if parts.orders.arm_state is ArmState.ACTIVE:
             self._torque = parts.control.torque(
                 sample.joint_rad,
-                sample.sample_ns,
                 motion.joint_rad,
                 motion.joint_velocity_rad_s,
                 motion.joint_acceleration_rad_s2,
+                sample.sample_ns,
             )
         else:
-            parts.control.reset(sample.joint_rad)
+            parts.control.reset(sample.joint_rad, sample.sample_ns)
             self._torque = parts.model.gravity(sample.joint_rad)
         parts.arm.write_torques(self._torque)
         if parts.orders.shutting_down and not motion.moving:
@@ -218,7 +219,7 @@ class Cycle:
         orders.arm_state = state
         if state is ArmState.ACTIVE and self._sample is not None:
             parts.motion.place(self._sample.joint_rad)
-            parts.control.reset(self._sample.joint_rad)
+            parts.control.reset(self._sample.joint_rad, self._sample.sample_ns)
             parts.safety.reset()
         elif was_active and not orders.shutting_down:
             orders.drop_arm_path(Reason.ARM_IDLED)
@@ -315,7 +316,7 @@ class Cycle:
             record[at["index_rate_m_s"]] = reading.rate_m_s
             record[at["load_index_N"]] = reading.load_N
             record[at["predicted_motion"]] = reading.motion.pose
-            record[at["table_status"]] = reading.status
+            record[at["table_status"]] = STATUS_NUMBERS[reading.status]
         if self._hand is not None:
             record[at["hand_excursion_m"]] = self._hand.excursion_m
             record[at["hand_tension_N"]] = self._hand.tension_N

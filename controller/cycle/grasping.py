@@ -9,13 +9,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from calibration.motion_table import MotionTable, TableStatus
+from calibration.motion_table import MotionTable, Status
 from controller.cycle.compensation import STILL, PlanarMotion, hand_offset
 from controller.cycle.contact import ContactSettings, FingerContact, FingerExpectation, Touch
 from controller.cycle.grasp_state import COMPENSATED, GRIPPING, GraspEvent, GraspPhase, HandStatus, next_phase
 from controller.cycle.motion_index import IndexReading, IndexSettings, MotionIndex
+from controller.cycle.planar_table import PlanarTable
 from controller.cycle.winding import WindingLimits, WindingProfile
 from controller.messages import CompensationIndex, EventKind, HandMode, HandSetPoint, HandState, Pair, Reason
+
+
+@dataclass(frozen=True)
+class MotorDrive:
+    """How far a tendon motor's position loop lags: its P gain is a spring that tension and gear friction wind up
+    (dynamixel reference 2.4: standing, the output is P gain × position error), its back-EMF a lag at speed."""
+
+    compliance_m_per_N: float = 0.0
+    friction_N: float = 0.0
+    lag_s: float = 0.0
+    reversal_time_s: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -23,13 +35,15 @@ class GraspSettings:
     """Rates of winding and thresholds of contact."""
 
     closing_rate_m_s: float = 0.012
-    contact_rate_m_s: float = 0.002  # near the expected contact: slow enough to find it within a few samples
-    contact_zone_m: float = 1.5e-3
-    search_end_m: float = 0.5e-3  # contact is given up this far past the expected one
+    contact_rate_m_s: float = 0.0025  # near the expected contact: slow enough to find it within a few samples
+    contact_zone_m: float = 2.0e-3
+    winding_rate_m_s: float = 0.5e-3  # below it the motor may as well stand, and its load says nothing
+    search_end_m: float = 1.0e-3  # contact is given up this far past the expected one
     release_rate_m_s: float = 0.010
     load_cap_N: float = 110.0
     free_load_cap_N: float = 60.0  # while closing nothing should resist; also the cap of an open hand
     winding: WindingLimits = WindingLimits()
+    drive: MotorDrive = MotorDrive()
     contact: ContactSettings = ContactSettings()
     index: IndexSettings = IndexSettings()
 
@@ -56,11 +70,12 @@ class Grasping:
         self._token = 0
         self._searching = False
         self._opening = False
+        self._friction_sign = 0.0
         self._last_sample_ns = -1
         self._stop_reason: Reason | None = None
         self._set_point = HandSetPoint((0.0, 0.0), (settings.free_load_cap_N,) * 2)
         self.phase = GraspPhase.NONE
-        self.table: MotionTable | None = None
+        self.table: PlanarTable | None = None
         self.index_kind = CompensationIndex.EXCURSION
         self.reading: IndexReading | None = None
         self.offset_target: PlanarMotion = STILL
@@ -94,7 +109,7 @@ class Grasping:
         """Take a table, only while nothing is gripped; any preposition for another table is void."""
         if self.compensated:
             return Reason.WRONG_PHASE
-        self.table = table
+        self.table = PlanarTable(table)
         self.phase = GraspPhase.NONE
         return Reason.NONE
 
@@ -118,10 +133,11 @@ class Grasping:
         self._index.start(hand)
         right, left = (self._expectation(table, finger) for finger in (0, 1))
         self._fingers = (FingerContact(settings.contact, right), FingerContact(settings.contact, left))
-        start_m = 0.5 * (hand.excursion_m[0] + hand.excursion_m[1]) - self._mean_contact_m(table)
+        start_m = 0.5 * (hand.excursion_m[0] + hand.excursion_m[1]) - table.mean_contact_m
         self._profile.place(min(start_m, 0.0))
         rate = settings.closing_rate_m_s if rate_m_s is None else rate_m_s
-        self._profile.move(min(-settings.contact_zone_m, 0.0), rate_m_s=rate)
+        # No stop before the slow part: at rest, gear friction hides the load.
+        self._profile.move(-settings.contact_zone_m, rate_m_s=rate, end_rate_m_s=settings.contact_rate_m_s)
         self._token, self._searching, self._stop_reason = token, False, None
         self._opening = False
         return Reason.NONE
@@ -133,7 +149,7 @@ class Grasping:
             return Reason.NO_TABLE
         if load_N > self._settings.load_cap_N:
             return Reason.LOAD_ABOVE_CAP
-        if not table.at_excursion(mean_excursion_m, 0.0).status.usable:
+        if not table.at_excursion(mean_excursion_m, 0.0).usable:
             return Reason.OUTSIDE_TABLE
         if not self._profile.finished:
             return Reason.BUSY
@@ -159,7 +175,7 @@ class Grasping:
             return reason
         self._end_token(EventKind.FAILED, Reason.SUPERSEDED)
         self._profile.place(self._profile.state.position_m)
-        self._profile.move(-self._mean_contact_m(table), rate_m_s=self._settings.release_rate_m_s)
+        self._profile.move(-table.mean_contact_m, rate_m_s=self._settings.release_rate_m_s)
         self._token, self._searching, self._stop_reason = token, False, None
         return Reason.NONE
 
@@ -196,48 +212,53 @@ class Grasping:
         self._finish(hand)
         return self._drive(self.table)
 
-    def _aim(self, table: MotionTable, reading: IndexReading) -> None:
+    def _aim(self, table: PlanarTable, reading: IndexReading) -> None:
         """The wanted hand offset; outside the table the last one stands: nothing is extrapolated."""
-        if reading.status.usable:
+        if reading.usable:
             motion = reading.motion
-            x, y, _, _, _, angle = table.contact_pose
-            self.offset_target = hand_offset((x, y, angle), motion.pose, motion.rate, motion.acceleration)
+            self.offset_target = hand_offset(table.contact_pose, motion.pose, motion.rate, motion.acceleration)
         else:
             self.offset_target = PlanarMotion(self.offset_target.pose, STILL.rate, STILL.acceleration)
-            if reading.status is TableStatus.OUTSIDE and self.phase is GraspPhase.SQUEEZING:
+            if reading.status is Status.OUTSIDE and self.phase is GraspPhase.SQUEEZING:
                 self._halt(Reason.TABLE_END_REACHED)
 
-    def _drive(self, table: MotionTable) -> HandSetPoint:
+    def _drive(self, table: PlanarTable) -> HandSetPoint:
         """Excursion set-points, spool-side, of the winding coordinate."""
-        w = self.winding.position_m
+        w, rate_m_s, _ = self.winding
         contact = table.contact_excursion_m
-        share = 1.0 + min(w, 0.0) / self._mean_contact_m(table)
+        share = 1.0 + min(w, 0.0) / table.mean_contact_m
         beyond = max(w, 0.0)
-        compliance = table.tendon_compliance_m_per_N
-        tension = table.at_excursion(beyond, 0.0).planar_tension if compliance > 0.0 else (0.0, 0.0)
-        right = (contact[0] + tension[0] * compliance) * share + beyond
-        left = (contact[1] + tension[1] * compliance) * share + beyond
+        tension = table.at_excursion(beyond, 0.0).tension_N
+        drive, stretch = self._settings.drive, table.compliance_m_per_N
+        self._friction_sign = _towards(
+            self._friction_sign, _sign(rate_m_s), self._period_s / drive.reversal_time_s
+        )
+        ahead_m = drive.lag_s * rate_m_s + drive.compliance_m_per_N * drive.friction_N * self._friction_sign
+        right, left = (
+            (contact[i] + tension[i] * (stretch[i] + drive.compliance_m_per_N)) * share + beyond + ahead_m
+            for i in (0, 1)
+        )
         mode = HandMode.FREEZE if self.phase is GraspPhase.FAULT else HandMode.TRACK
         self._set_point = HandSetPoint((right, left), (self._settings.load_cap_N,) * 2, mode)
         return self._set_point
 
-    def _search(self, table: MotionTable, hand: HandState) -> None:
+    def _search(self, table: PlanarTable, hand: HandState) -> None:
         """Feed both fingers' contact search; both touching is contact."""
         assert self._fingers is not None
         assert self._index is not None
-        compliance = table.tendon_compliance_m_per_N
-        right, left = (
-            finger.take(hand.excursion_m[i] - hand.tension_N[i] * compliance, hand.tension_N[i])
-            for i, finger in enumerate(self._fingers)
-        )
+        compliance = table.compliance_m_per_N
+        for i, finger in enumerate(self._fingers):
+            if hand.rate_m_s[i] > self._settings.winding_rate_m_s:
+                excursion_m = hand.excursion_m[i] - hand.tension_N[i] * compliance[i]
+                finger.take(excursion_m, hand.tension_N[i], slow=self._searching)
+        right, left = self._fingers[0].touch, self._fingers[1].touch
         if right is Touch.EARLY or left is Touch.EARLY:
             self._give_up(Reason.CONTACT_UNEXPECTED)
         elif right is Touch.TOUCHING and left is Touch.TOUCHING:
             found: Pair = (self._fingers[0].contact_excursion_m, self._fingers[1].contact_excursion_m)
             self._index.set_contact(found, (self._fingers[0].onset_load_N, self._fingers[1].onset_load_N))
             self.enter(GraspEvent.CONTACT_FOUND)
-            self._stop_reason = Reason.NONE
-            self._end_token(EventKind.COMPLETED, Reason.NONE, (*found, *table.contact_excursion_m))
+            self._stop_reason = Reason.NONE  # the command is completed once the tendons stand
 
     def _give_up(self, reason: Reason) -> None:
         """Open again and stay before the object."""
@@ -269,6 +290,11 @@ class Grasping:
                 assert self._fingers is not None
                 touching = sum(finger.touch is Touch.TOUCHING for finger in self._fingers)
                 self._give_up(Reason.ONE_SIDED_CONTACT if touching else Reason.NO_CONTACT)
+        elif self.phase is GraspPhase.CONTACT and self._token:
+            assert self._fingers is not None
+            assert self.table is not None
+            found = (self._fingers[0].contact_excursion_m, self._fingers[1].contact_excursion_m)
+            self._end_token(EventKind.COMPLETED, Reason.NONE, (*found, *self.table.contact_excursion_m))
         elif self.phase is GraspPhase.SQUEEZING:
             self.enter(GraspEvent.SQUEEZED)
             assert self._index is not None
@@ -288,17 +314,21 @@ class Grasping:
             self._token = 0
 
     @staticmethod
-    def _mean_contact_m(table: MotionTable) -> float:
-        contact = table.contact_excursion_m
-        return 0.5 * (contact[0] + contact[1])
-
-    @staticmethod
-    def _expectation(table: MotionTable, finger: int) -> FingerExpectation:
+    def _expectation(table: PlanarTable, finger: int) -> FingerExpectation:
         """Slopes of the free-closing and the loaded line of one finger, the latter over the first 0.2 mm past contact."""
-        near, far = table.at_excursion(0.0, 0.0).planar_tension, table.at_excursion(2e-4, 0.0).planar_tension
+        near, far = table.at_excursion(0.0, 0.0).tension_N, table.at_excursion(2e-4, 0.0).tension_N
         return FingerExpectation(
             table.contact_excursion_m[finger],
-            table.free_closing_stiffness_N_per_m[finger],
+            table.free_slope_N_per_m[finger],
             (far[finger] - near[finger]) / 2e-4,
         )
 
+
+def _sign(rate: float) -> float:
+    """+1 winding in, −1 letting out, 0 standing."""
+    return 0.0 if rate == 0.0 else 1.0 if rate > 0.0 else -1.0
+
+
+def _towards(value: float, sign: float, step: float) -> float:
+    """`value` a step nearer to `sign`; a standing motor keeps the friction it stopped with."""
+    return value if sign == 0.0 else min(max(sign, value - step), value + step)

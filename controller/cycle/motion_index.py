@@ -13,8 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from calibration.motion_table import MotionTable, TableSample, TableStatus
+from calibration.motion_table import Status
 from controller.cycle.compensation import PlanarMotion, Vector3
+from controller.cycle.planar_table import PlanarSample, PlanarTable
 from controller.cycle.winding import IndexObserver, ObserverSettings, WindingState
 from controller.messages import CompensationIndex, HandState, Pair
 
@@ -36,7 +37,8 @@ class IndexReading(NamedTuple):
     difference_m: float
     rate_m_s: float
     load_N: float
-    status: TableStatus
+    status: Status
+    usable: bool
     motion: PlanarMotion
 
 
@@ -47,10 +49,9 @@ class _Rates:
         self._period_s = period_s
         self._previous: tuple[Vector3, Vector3] | None = None
 
-    def motion(self, sample: TableSample, first: WindingState, second: WindingState) -> PlanarMotion:
+    def motion(self, sample: PlanarSample, first: WindingState, second: WindingState) -> PlanarMotion:
         """`first` and `second` are the two index axes with rate and acceleration."""
-        columns = sample.planar_jacobian
-        pose = sample.planar_pose
+        columns = (sample.along_first, sample.along_second)
         previous = columns if self._previous is None else self._previous
         self._previous = columns
         rates = []
@@ -61,19 +62,23 @@ class _Rates:
             drift0 = (j0 - previous[0][row]) / self._period_s
             drift1 = (j1 - previous[1][row]) / self._period_s
             accelerations.append(
-                j0 * first.acceleration_m_s2 + j1 * second.acceleration_m_s2 + drift0 * first.rate_m_s + drift1 * second.rate_m_s
+                j0 * first.acceleration_m_s2
+                + j1 * second.acceleration_m_s2
+                + drift0 * first.rate_m_s
+                + drift1 * second.rate_m_s
             )
-        return PlanarMotion(pose, (rates[0], rates[1], rates[2]), (accelerations[0], accelerations[1], accelerations[2]))
+        return PlanarMotion(
+            sample.pose, (rates[0], rates[1], rates[2]), (accelerations[0], accelerations[1], accelerations[2])
+        )
 
 
 class MotionIndex:
     """Observes the index of one grasp and looks the object's motion up."""
 
-    def __init__(self, table: MotionTable, period_s: float, settings: IndexSettings) -> None:
+    def __init__(self, table: PlanarTable, period_s: float, settings: IndexSettings) -> None:
         self._table = table
         self._period_s = period_s
         self._settings = settings
-        self._compliance_m_per_N = table.tendon_compliance_m_per_N
         self._mean = IndexObserver(period_s, settings.excursion)
         # The difference has no commanded profile: equal rates leave it alone. Only samples move it, slowly.
         self._difference = IndexObserver(period_s, settings.load)
@@ -99,14 +104,16 @@ class MotionIndex:
     def set_contact(self, contact_excursion_m: Pair, onset_load_N: Pair) -> None:
         """Take in the contact that was found: finger-side excursions and the measured loads there."""
         expected = self._table.contact_excursion_m
-        before_m = self._mean.state.position_m
-        mean_shift_m = 0.5 * (self._contact_shift_m[0] + self._contact_shift_m[1])
+        before_difference_m = self._contact_shift_m[0] - self._contact_shift_m[1]
+        mean_shift_m = self.mean_shift_m
         self._contact_shift_m = (contact_excursion_m[0] - expected[0], contact_excursion_m[1] - expected[1])
-        shift_m = 0.5 * (self._contact_shift_m[0] + self._contact_shift_m[1]) - mean_shift_m
-        self._mean.reset(before_m - shift_m)
+        self._mean.shift(mean_shift_m - self.mean_shift_m)
+        new = contact_excursion_m
+        self._difference.shift((expected[0] - expected[1]) - (new[0] - new[1]) + before_difference_m)
         tension = self._table.contact_tension_N
         self._onset_shift_N = 0.5 * (onset_load_N[0] + onset_load_N[1]) - 0.5 * (tension[0] + tension[1])
-        self._load.reset(0.5 * (tension[0] + tension[1]))
+        mean = self._mean.state.position_m
+        self._load.reset(self._table.at_excursion(mean, 0.0).mean_tension_N)
 
     @property
     def mean_shift_m(self) -> float:
@@ -129,29 +136,42 @@ class MotionIndex:
         """One period further along the commanded profile (in winding coordinates)."""
         shifted = WindingState(profile.position_m - self.mean_shift_m, profile.rate_m_s, profile.acceleration_m_s2)
         mean = self._mean.advance(shifted)
-        difference = self._difference.advance(WindingState(0.0, 0.0, 0.0))
+        difference = self._difference.advance(self._planned_difference(profile))
         sample = self._table.at_excursion(mean.position_m, difference.position_m)
         motion = self._excursion_rates.motion(sample, mean, difference)
-        tension = sample.planar_tension
-        self._stretch_m = (tension[0] * self._compliance_m_per_N, tension[1] * self._compliance_m_per_N)
-        load_N = 0.5 * (tension[0] + tension[1])
-        status = sample.status
+        compliance = self._table.compliance_m_per_N
+        self._stretch_m = (sample.tension_N[0] * compliance[0], sample.tension_N[1] * compliance[1])
+        load_N = sample.mean_tension_N
+        decisive = sample
         if self._onset_shift_N is not None and kind is not CompensationIndex.EXCURSION:
             load = self._observed_load(shifted, difference.position_m, load_N, winding=winding)
             by_load = self._table.at_load(load.position_m, difference.position_m)
-            if by_load.status.usable:
+            if by_load.usable:
                 load_motion = self._load_rates.motion(by_load, load, difference)
                 weight = 1.0 if kind is CompensationIndex.LOAD else self._load_weight(sample, by_load)
                 motion = _blend(motion, load_motion, weight)
-                status = by_load.status
+                decisive = by_load
             load_N = load.position_m
-        return IndexReading(mean.position_m, difference.position_m, mean.rate_m_s, load_N, status, motion)
+        return IndexReading(
+            mean.position_m, difference.position_m, mean.rate_m_s, load_N, decisive.status, decisive.usable, motion
+        )
 
     def _measured(self, hand: HandState) -> Pair:
         expected = self._table.contact_excursion_m
         right = hand.excursion_m[0] - self._stretch_m[0] - expected[0] - self._contact_shift_m[0]
         left = hand.excursion_m[1] - self._stretch_m[1] - expected[1] - self._contact_shift_m[1]
         return 0.5 * (right + left), right - left
+
+    def _planned_difference(self, profile: WindingState) -> WindingState:
+        """Before contact each finger goes its own way to its own contact; from there on the difference stands."""
+        contact = self._table.contact_excursion_m
+        slope = (contact[0] - contact[1]) / self._table.mean_contact_m
+        shift_m = self._contact_shift_m[1] - self._contact_shift_m[0]
+        if profile.position_m >= 0.0:
+            return WindingState(shift_m, 0.0, 0.0)
+        return WindingState(
+            slope * profile.position_m + shift_m, slope * profile.rate_m_s, slope * profile.acceleration_m_s2
+        )
 
     def _observed_load(
         self, command: WindingState, difference_m: float, table_load_N: float, *, winding: bool
@@ -164,18 +184,17 @@ class MotionIndex:
             # `advance` keeps the observer's model where the profile stands, so winding can go on from the latch.
             return WindingState(latched_N + table_load_N - at_latch_N, 0.0, 0.0)
         self._latch = None
-        tension = self._table.at_excursion(command.position_m, difference_m).planar_tension
-        commanded_N = 0.5 * (tension[0] + tension[1])
+        commanded_N = self._table.at_excursion(command.position_m, difference_m).mean_tension_N
         previous = self._commanded_load
         rate = 0.0 if previous is None else (commanded_N - previous.position_m) / self._period_s
         change = 0.0 if previous is None else (rate - previous.rate_m_s) / self._period_s
         self._commanded_load = WindingState(commanded_N, rate, change)
         return self._load.advance(self._commanded_load)
 
-    def _load_weight(self, by_excursion: TableSample, by_load: TableSample) -> float:
+    def _load_weight(self, by_excursion: PlanarSample, by_load: PlanarSample) -> float:
         """Weight of the load's motion: inverse variances, both as motion of the object."""
-        excursion_m = _length(by_excursion.planar_jacobian[0]) * self._settings.excursion_deviation_m
-        load_m = _length(by_load.planar_jacobian[0]) * self._settings.load_deviation_N
+        excursion_m = _length(by_excursion.along_first) * self._settings.excursion_deviation_m
+        load_m = _length(by_load.along_first) * self._settings.load_deviation_N
         return excursion_m**2 / max(excursion_m**2 + load_m**2, 1e-18)
 
 
@@ -187,4 +206,6 @@ def _blend(first: PlanarMotion, second: PlanarMotion, weight: float) -> PlanarMo
     def mix(a: Vector3, b: Vector3) -> Vector3:
         return (a[0] + weight * (b[0] - a[0]), a[1] + weight * (b[1] - a[1]), a[2] + weight * (b[2] - a[2]))
 
-    return PlanarMotion(mix(first.pose, second.pose), mix(first.rate, second.rate), mix(first.acceleration, second.acceleration))
+    return PlanarMotion(
+        mix(first.pose, second.pose), mix(first.rate, second.rate), mix(first.acceleration, second.acceleration)
+    )

@@ -54,9 +54,7 @@ class Orders:
         token, event = self._arm_token, self._arm_event
         self._arm_token, self._arm_event = 0, None
         stopped, self.stopping = self.stopping, False
-        if event is GraspEvent.PREPOSITIONED and not stopped:
-            self._grasping.enter(event)
-        elif event is GraspEvent.CARRIED:
+        if (event is GraspEvent.PREPOSITIONED and not stopped) or event is GraspEvent.CARRIED:
             self._grasping.enter(event)
         if token:
             kind = EventKind.FAILED if stopped else EventKind.COMPLETED

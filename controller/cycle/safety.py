@@ -71,6 +71,8 @@ class SafetyMonitor:
             return Reason.HAND_TORQUE_LOST
         if fault & HandFault.HARDWARE:
             return Reason.HAND_HARDWARE
+        if fault & HandFault.REFUSED:
+            return Reason.HAND_REFUSED
         if age_s is None or age_s > self._limits.hand_age_s or fault & (HandFault.BUS_LOST | HandFault.NO_REPLY):
             return Reason.HAND_SILENT
         return Reason.NONE
@@ -86,7 +88,13 @@ class SafetyMonitor:
 
 
 def governor(
-    lag_m: float, scale: float, object_speed_m_s: float, speed_limit_m_s: float, *, free_m: float = 3e-4, stop_m: float = 1e-3
+    lag_m: float,
+    scale: float,
+    object_speed_m_s: float,
+    speed_limit_m_s: float,
+    *,
+    free_m: float = 3e-4,
+    stop_m: float = 1e-3,
 ) -> float:
     """Fraction of the winding rate that the arm can bear, 0 to 1.
 

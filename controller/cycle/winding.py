@@ -62,9 +62,17 @@ class WindingProfile:
         self._trajectory = None
         self.state = WindingState(position_m, 0.0, 0.0)
 
-    def move(self, target_m: float, *, rate_m_s: float | None = None, duration_s: float | None = None) -> None:
-        """Start a move from standing here to standing at `target_m`, lasting at least `duration_s`.
+    def move(
+        self,
+        target_m: float,
+        *,
+        rate_m_s: float | None = None,
+        end_rate_m_s: float = 0.0,
+        duration_s: float | None = None,
+    ) -> None:
+        """Start a move from here to `target_m`, lasting at least `duration_s`.
 
+        With an `end_rate_m_s` it does not stop there: the next move must follow in the same period.
         Raises InputError if a value is not finite or a move is still under way.
         """
         rate_limit = self._limits.rate_m_s if rate_m_s is None else min(rate_m_s, self._limits.rate_m_s)
@@ -74,7 +82,9 @@ class WindingProfile:
             raise InputError("a winding move is under way; stop it before the next.")
         request = ruckig.InputParameter(1)
         request.current_position = [self.state.position_m]
+        request.current_velocity = [self.state.rate_m_s]
         request.target_position = [target_m]
+        request.target_velocity = [end_rate_m_s]
         request.max_velocity = [rate_limit]
         request.max_acceleration = [self._limits.acceleration_m_s2]
         request.max_jerk = [self._limits.jerk_m_s3]
@@ -92,7 +102,8 @@ class WindingProfile:
         time_s, speed, speed_rate = self._time.step(throttle)
         position, rate, acceleration = self._trajectory.at_time(min(time_s, self._trajectory.duration))
         if time_s >= self._trajectory.duration:
-            self.place(position[0])
+            self._trajectory = None
+            self.state = WindingState(position[0], rate[0] * speed, 0.0)
         else:
             self.state = WindingState(
                 position[0], rate[0] * speed, acceleration[0] * speed * speed + rate[0] * speed_rate
@@ -140,14 +151,16 @@ class IndexObserver:
         self._residual_rate_m_s = 0.0
         self._last_sample_ns = None
 
+    def shift(self, by_m: float) -> None:
+        """Move the index's zero: what was x is now x + `by_m`; rates stay."""
+        self._model_m += by_m
+
     def advance(self, command: WindingState) -> WindingState:
         """The index one period later, for the commanded profile state of this period."""
         keep = 1.0 - self._blend
         self._model_m = keep * self._model_m + self._blend * command.position_m
         self._model_rate_m_s = keep * self._model_rate_m_s + self._blend * command.rate_m_s
-        self._model_acceleration_m_s2 = (
-            keep * self._model_acceleration_m_s2 + self._blend * command.acceleration_m_s2
-        )
+        self._model_acceleration_m_s2 = keep * self._model_acceleration_m_s2 + self._blend * command.acceleration_m_s2
         self._residual_m += self._residual_rate_m_s * self._period_s
         return self.state
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from calibration.hand.parameters import Hand, load_hand
 from controller.config import RobotConfig, TendonMotor
 from controller.cycle.arm_model import ArmFriction, ArmModel, RigidBody
 from controller.cycle.arm_motion import ArmMotion, ArmMotionLimits
 from controller.cycle.compensation import OffsetLimits, OffsetSmoother, WristOffset
 from controller.cycle.cycle import CycleSettings, Parts
-from controller.cycle.grasping import Grasping, GraspSettings
+from controller.cycle.grasping import Grasping, GraspSettings, MotorDrive
 from controller.cycle.inverse_kinematics import DifferentialInverseKinematics
 from controller.cycle.joint_bounds import JointLimits
-from controller.cycle.joint_control import LIBBARRETT_GAINS, STIFF_GAINS, JointControl, JointGains
+from controller.cycle.joint_control import JointControl, preset_gains
 from controller.cycle.orders import Orders
 from controller.cycle.safety import SafetyLimits, SafetyMonitor
 from controller.cycle.winding import WindingLimits
@@ -40,7 +42,7 @@ def arm_model(config: RobotConfig, hand: Hand) -> ArmModel:
     """The arm as mounted, with the hand's body on it."""
     parameters = load_wam_parameters()
     friction = config.arm.friction
-    viscous = friction.viscous_Nms_per_rad or tuple(float(v) for v in parameters.joint_viscous_friction_Nms_per_rad)
+    viscous = friction.viscous_Nms_per_rad or tuple(float(v) for v in parameters.viscous_friction_Nms_per_rad)
     body: RigidBody = hand.body
     return ArmModel(
         hand=body,
@@ -59,10 +61,17 @@ def cycle_parts(config: RobotConfig, bus: CanBus, clock: Clock) -> Parts:
     period_s = config.cycle.period_s
     arm_limits, compensation, squeeze = config.arm.limits, config.compensation, config.squeeze
     limits = JointLimits(
-        arm_limits.lower_rad or parameters.joint_lower_rad,
-        arm_limits.upper_rad or parameters.joint_upper_rad,
-        arm_limits.velocity_rad_s,
-        arm_limits.acceleration_rad_s2,
+        np.array(arm_limits.lower_rad or parameters.joint_lower_rad),
+        np.array(arm_limits.upper_rad or parameters.joint_upper_rad),
+        np.array(arm_limits.velocity_rad_s),
+        np.array(arm_limits.acceleration_rad_s2),
+    )
+    chosen = config.arm.gains
+    gains = preset_gains(
+        chosen.preset,
+        kp_Nm_per_rad=chosen.kp_Nm_per_rad,
+        ki_Nm_per_rad_s=chosen.ki_Nm_per_rad_s,
+        kd_Nms_per_rad=chosen.kd_Nms_per_rad,
     )
     kinematics = DifferentialInverseKinematics(model, limits, period_s, parameters.home_rad)
     path_limits = ArmMotionLimits(
@@ -76,6 +85,7 @@ def cycle_parts(config: RobotConfig, bus: CanBus, clock: Clock) -> Parts:
         GraspSettings(
             closing_rate_m_s=squeeze.closing_rate_m_s,
             load_cap_N=squeeze.load_cap_N,
+            drive=motor_drive(config),
             winding=WindingLimits(
                 max(squeeze.closing_rate_m_s, squeeze.squeeze_rate_m_s), squeeze.acceleration_m_s2, squeeze.jerk_m_s3
             ),
@@ -93,7 +103,7 @@ def cycle_parts(config: RobotConfig, bus: CanBus, clock: Clock) -> Parts:
         arm=Arm(bus, clock, parameters),
         model=model,
         motion=motion,
-        control=JointControl(model, _gains(config)),
+        control=JointControl(model, gains),
         grasping=grasping,
         orders=orders,
         smoother=OffsetSmoother(period_s, offset_limits),
@@ -102,6 +112,13 @@ def cycle_parts(config: RobotConfig, bus: CanBus, clock: Clock) -> Parts:
         ),
         settings=CycleSettings(period_s=period_s),
     )
+
+
+def motor_drive(config: RobotConfig) -> MotorDrive:
+    """How the configured motors' position loop gives way."""
+    motor = config.tendons.right
+    friction_N = motor.torque_constant_Nm_per_A * motor.friction_current_A / motor.spool_radius_m
+    return MotorDrive(config.tendons.compliance_m_per_N, friction_N, config.tendons.lag_s)
 
 
 def tendon_motors(config: RobotConfig) -> tuple[MotorSettings, MotorSettings]:
@@ -126,16 +143,4 @@ def _motor(motor: TendonMotor) -> MotorSettings:
         zero_ticks=motor.zero_ticks,
         spool_radius_m=motor.spool_radius_m,
         load_law=law,
-    )
-
-
-def _gains(config: RobotConfig) -> JointGains:
-    chosen = config.arm.gains
-    preset = STIFF_GAINS if chosen.preset == "stiff" else LIBBARRETT_GAINS
-    return JointGains(
-        chosen.kp_Nm_per_rad or preset.kp,
-        chosen.ki_Nm_per_rad_s or preset.ki,
-        chosen.kd_Nms_per_rad or preset.kd,
-        preset.integral_limit_Nm,
-        preset.resting_band_rad,
     )

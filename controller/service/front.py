@@ -17,29 +17,17 @@ from controller.messages import CYCLE_RECORD, CycleCommand, CycleEvent, EventKin
 from controller.reasons import EXPLANATIONS, as_error
 from controller.service import commands as asked
 from controller.service.answers import encode_error, encode_event, encode_reply, error_told
+from controller.service.command_socket import Address, CommandPort
 from controller.service.links import LatestReader, OrderedReader, OrderedSender
 from controller.service.requests import Plan, Planner
 from controller.service.state import state_map
 from controller.service.table_shelf import TableShelf
+from controller.service.telemetry import StateOutlet
 from drivers.clock import NANOSECONDS, Clock, nanoseconds
 from drivers.errors import CommandError, StillgraspError
 
 REQUESTS_A_STEP = 16
 HEARTBEAT_S = 0.02
-
-
-class CommandSocket(Protocol):
-    """Where requests come from and answers go to."""
-
-    def receive(self) -> tuple[bytes, bytes] | None: ...
-
-    def send(self, identity: bytes, data: bytes) -> None: ...
-
-
-class StatePublisher(Protocol):
-    """Where the state goes."""
-
-    def publish(self, state: dict[str, Any]) -> None: ...
 
 
 class RecordSink(Protocol):
@@ -63,7 +51,7 @@ class FrontLinks:
 class _Running:
     """A request on its way through the cycle."""
 
-    identity: bytes
+    identity: Address
     seq: int
     command: asked.Command
     plan: Plan
@@ -75,8 +63,8 @@ class _Running:
 class Outlets:
     """Where the front's output goes, and how it idles the arm of a dead cycle."""
 
-    socket: CommandSocket
-    publisher: StatePublisher | None = None
+    socket: CommandPort
+    publisher: StateOutlet | None = None
     recorder: RecordSink | None = None
     idle_arm: Callable[[], str] | None = None
     say: Callable[[str], None] = field(default=lambda text: None)
@@ -90,7 +78,7 @@ class Front:
         self._clock, self._links, self._out = clock, links, outlets
         self._planner, self._shelf = planner, shelf
         self._running: dict[int, _Running] = {}
-        self._clients: set[bytes] = set()
+        self._clients: set[Address] = set()
         self._next_token = 1
         self._record: dict[str, Any] | None = None
         self._record_ns = 0
@@ -114,9 +102,9 @@ class Front:
 
     def shut_down(self) -> None:
         """Ask the cycle to stop along its path, hold and go idle."""
-        self._send_to_cycle(self._start(b"", 0, asked.Shutdown(), self._planner.plan(asked.Shutdown())))
+        self._send_to_cycle(self._start((), 0, asked.Shutdown(), self._planner.plan(asked.Shutdown())))
 
-    def _serve(self, identity: bytes, data: bytes, now_ns: int) -> None:
+    def _serve(self, identity: Address, data: bytes, now_ns: int) -> None:
         self._clients.add(identity)
         try:
             request = asked.decode_request(data)
@@ -148,13 +136,13 @@ class Front:
                 "tables": self._shelf.names(),
             }
         if isinstance(command, asked.Status):
-            state = {} if self._record is None else state_map(self._record, self._out.wall_time_s())
+            state = {} if self._record is None else state_map(self._record)
             return {"state": state, "table": self._planner.table_name, "cycle_lost": self.cycle_lost}
         if isinstance(command, asked.TableList):
             return {"tables": self._shelf.listing()}
         return None
 
-    def _start(self, identity: bytes, seq: int, command: asked.Command, plan: Plan) -> _Running:
+    def _start(self, identity: Address, seq: int, command: asked.Command, plan: Plan) -> _Running:
         return _Running(identity, seq, command, plan)
 
     def _send_to_cycle(self, running: _Running) -> None:
@@ -247,7 +235,7 @@ class Front:
                 self._out.recorder.record_cycle(self._record, sample_ns)
         if self._out.publisher is not None and self._record is not None and now_ns >= self._next_state_ns:
             self._next_state_ns = max(self._next_state_ns + self._state_period_ns, now_ns)
-            self._out.publisher.publish(state_map(self._record, self._out.wall_time_s()))
+            self._out.publisher.publish(state_map(self._record), self._out.wall_time_s())
 
     def _watch(self, now_ns: int) -> None:
         """Deadlines of requests, and the cycle's heartbeat."""
@@ -255,7 +243,7 @@ class Front:
             if running.deadline_ns is not None and now_ns > running.deadline_ns:
                 del self._running[token]
                 self._fail(running, CommandError("deadline", "The command took longer than its deadline_s."), now_ns)
-                self._send_to_cycle(self._start(b"", 0, asked.Stop(), self._planner.plan(asked.Stop())))
+                self._send_to_cycle(self._start((), 0, asked.Stop(), self._planner.plan(asked.Stop())))
         if self.stopped or self.cycle_lost or self._record is None:
             return
         dead = self._links.events.closed
@@ -288,6 +276,3 @@ def _applied(command: asked.Command, event: CycleEvent) -> dict[str, Any]:
         explanation = EXPLANATIONS[event.reason]
         applied["reason"] = {"code": explanation.code, "message": explanation.message}
     return applied
-
-
-

@@ -13,7 +13,7 @@ from controller.messages import HandFault, HandMode, HandSetPoint, HandState, Pa
 from controller.service.links import LatestReader, LatestSender
 from drivers.clock import Clock, nanoseconds
 from drivers.dynamixel.tendons import TendonPair, TendonSample, TendonSetPoint
-from drivers.errors import BusError
+from drivers.errors import BusError, InputError
 
 
 @dataclass(frozen=True)
@@ -56,29 +56,39 @@ class HandPart:
 
     def step(self) -> None:
         """One transaction: the newest set-point out, a sample in, the state published."""
-        set_point = self._aim(self.pacer.begin())
         fault = HandFault.NONE
         try:
+            set_point = self._aim(self.pacer.begin())
             self._last = self._tendons.exchange(set_point)
             fault = self._judge(self._last)
+            if any(self._last.watchdog_tripped):
+                # The motors stopped and hold, and take no goals until told so (dynamixel reference 6.3).
+                self._tendons.rearm()
+        except InputError:
+            fault = HandFault.REFUSED
         except BusError:
             fault = HandFault.BUS_LOST
         if self._last is not None:
             self._publish(self._last, fault)
 
     def _aim(self, now_ns: int) -> TendonSetPoint | None:
-        """What to ask of the motors; None leaves their goals as they are, which is how a hand is frozen."""
+        """What to ask of the motors; None leaves their goals as they are."""
         newest = self._set_points.newest()
         if newest is None:
             return None
         payload, sample_ns = newest
         wanted = HandSetPoint.unpack(payload)
         stale = self._set_points.closed or now_ns - sample_ns > nanoseconds(self._settings.set_point_age_s)
-        self._mode = HandMode.FREEZE if stale else wanted.mode
+        before, self._mode = self._mode, HandMode.FREEZE if stale else wanted.mode
         if self._mode is HandMode.FREEZE:
+            if before is not HandMode.FREEZE:
+                # A motor that stalled at its cap short of its goal would go on pulling: the goal comes to where it is.
+                self._tendons.freeze(wanted.load_cap_N)
             return None
         if self._mode is HandMode.TRACK:
             self._goal_m = wanted.excursion_m
+        elif before is not HandMode.OPEN and self._last is not None:
+            self._goal_m = self._last.excursion_m
         else:
             step_m = self._settings.opening_rate_m_s * self._settings.period_s
             self._goal_m = (_towards_zero(self._goal_m[0], step_m), _towards_zero(self._goal_m[1], step_m))
@@ -93,9 +103,7 @@ class HandPart:
         return HandFault.NONE
 
     def _publish(self, sample: TendonSample, fault: HandFault) -> None:
-        state = HandState(
-            sample.excursion_m, sample.rate_m_s, sample.tension_N, sample.current_A, self._mode, fault
-        )
+        state = HandState(sample.excursion_m, sample.rate_m_s, sample.tension_N, sample.current_A, self._mode, fault)
         self._states.send(state.pack(), sample.sample_ns)
 
 

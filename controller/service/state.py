@@ -12,11 +12,10 @@ from controller.reasons import EXPLANATIONS
 Record = Mapping[str, float | list[float]]
 
 
-def state_map(record: Record, timestamp_s: float) -> dict[str, Any]:
-    """The state of one cycle; `timestamp` is wall time in s. Units are in the names (PlotJuggler reads it as it is)."""
+def state_map(record: Record) -> dict[str, Any]:
+    """The state of one cycle, with units in the names."""
     fault = Reason(_integer(record, "reason"))
     return {
-        "timestamp": timestamp_s,
         "arm": {
             "state": ArmState(_integer(record, "arm_state")).name.lower(),
             "joint_rad": record["joint_rad"],

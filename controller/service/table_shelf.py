@@ -47,7 +47,7 @@ class TableShelf:
             header = self.open(name).header
         except CommandError as error:
             return {"name": name, "usable": False, "reason": error.message}
-        return {"name": name, "usable": True, "object": header["object"]["name"], "grasp": header["grasp"]}
+        return {"name": name, "usable": True, "object": header.object["name"], "grasp": header.grasp}
 
 
 def excursion_at_load(table: MotionTable, load_N: float) -> float:
@@ -58,8 +58,7 @@ def excursion_at_load(table: MotionTable, load_N: float) -> float:
     low_m, high_m = 0.0, table.mean_excursion_end_m(0.0)
 
     def load_at(mean_m: float) -> float:
-        tension = table.at_excursion(mean_m, 0.0).planar_tension
-        return 0.5 * (tension[0] + tension[1])
+        return float(table.at_excursion(mean_m, 0.0).tension.mean())
 
     first_N, last_N = load_at(low_m), load_at(high_m)
     if not first_N <= load_N <= last_N:

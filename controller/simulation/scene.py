@@ -14,7 +14,7 @@ from drivers.simulated.dynamixel import SimulatedMotors, SimulatedMotorSettings
 from drivers.simulated.wam import SimulatedWam
 from drivers.wam.parameters import load_wam_parameters
 
-READY_RAD = (0.0, -0.9, 0.0, 2.6, 0.0, -0.2, 0.0)
+READY_RAD = (0.0, 0.1, 0.0, 2.3, 0.0, -0.8, 0.0)
 """A pose clear of everything, elbow up, from which the demo starts."""
 
 
@@ -24,7 +24,7 @@ class Scene:
     support; the arm stands at `joint_rad` (7, rad). `seed` draws the arm's imperfections."""
 
     object: str = "cylinder40"
-    object_xyz_m: tuple[float, float, float] = (0.62, 0.0, 0.45)
+    object_xyz_m: tuple[float, float, float] = (0.80, 0.0, 0.55)
     object_yaw_rad: float = 0.0
     joint_rad: tuple[float, ...] = READY_RAD
     seed: int = 0

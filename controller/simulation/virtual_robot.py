@@ -1,0 +1,184 @@
+"""The whole robot in one process on virtual time: the same parts that run as processes, in front of the same world.
+
+Links, CAN wire and serial line are their in-memory twins; a client talks to the front as a task planner would.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from controller.client import Client
+from controller.config import RobotConfig
+from controller.cycle.cycle import Cycle, CycleLinks
+from controller.service.assembly import configured_hand, cycle_parts, hand_settings, tendon_motors
+from controller.service.command_socket import MemoryCommandSocket, MemoryConnection
+from controller.service.front import Front, FrontLinks, Outlets, RecordSink
+from controller.service.hand import HandPart
+from controller.service.links import LatestReader, LatestSender, OrderedReader, OrderedSender, VirtualLink
+from controller.service.requests import Planner
+from controller.service.table_shelf import TableShelf
+from controller.simulation.scene import Devices, Scene, build_devices
+from controller.simulation.virtual_time import Part, VirtualTime
+from controller.simulation.world import World, WorldTruth
+from drivers.clock import VirtualClock, nanoseconds
+from drivers.dynamixel.port import WaitingPort
+from drivers.dynamixel.tendons import TendonPair
+from drivers.simulated.can_hub import MemoryCanBus, MemoryCanHub
+from drivers.simulated.serial_lines import MemoryLine
+from drivers.wam.safety_puck import Guard
+
+FRONT_PERIOD_S = 0.01
+RECORDS_WAITING = 16
+
+
+class VirtualRobot:
+    """Cycle, hand, front, devices and world of one installation and scene.
+
+    `observe` is called with the world's truth every `observe_period_s`; nothing else sees it.
+    """
+
+    def __init__(
+        self,
+        config: RobotConfig,
+        scene: Scene,
+        *,
+        recorder: RecordSink | None = None,
+        observe: Callable[[WorldTruth], None] | None = None,
+        observe_period_s: float = 0.002,
+    ) -> None:
+        hand = configured_hand(config)
+        self.devices: Devices = build_devices(config, hand, scene)
+        self.time = VirtualTime()
+        self._observe = observe
+        self._observe_period_ns = nanoseconds(observe_period_s)
+        clocks = {name: VirtualClock() for name in ("world", "hub", "cycle", "hand", "front", "guard", "client")}
+        self._clocks = clocks
+        self._hub = MemoryCanHub([self.devices.wam])
+
+        set_points = VirtualLink(clocks["cycle"], clocks["hand"])
+        states = VirtualLink(clocks["hand"], clocks["cycle"])
+        commands = VirtualLink(clocks["front"], clocks["cycle"])
+        events = VirtualLink(clocks["cycle"], clocks["front"])
+        records = VirtualLink(clocks["cycle"], clocks["front"], capacity=RECORDS_WAITING)
+
+        self.cycle = Cycle(
+            clocks["cycle"],
+            CycleLinks(
+                OrderedReader(commands),
+                OrderedSender(events),
+                LatestSender(records),
+                LatestReader(states),
+                LatestSender(set_points),
+            ),
+            cycle_parts(config, MemoryCanBus(self._hub, clocks["cycle"]), clocks["cycle"]),
+        )
+        line = MemoryLine(self.devices.motors, clocks["hand"], config.tendons.baud)
+        self.hand = HandPart(
+            clocks["hand"],
+            TendonPair(WaitingPort(line, clocks["hand"]), clocks["hand"], tendon_motors(config)),
+            LatestReader(set_points),
+            LatestSender(states),
+            hand_settings(config),
+        )
+        self.socket = MemoryCommandSocket(clocks["front"])
+        guard = Guard(MemoryCanBus(self._hub, clocks["guard"]), clocks["guard"], 197)
+        shelf = TableShelf(Path(config.tables.directory), hand)
+        outlets = Outlets(self.socket, recorder=recorder, idle_arm=guard.idle_arm, wall_time_s=lambda: 0.0)
+        self.front = Front(
+            clocks["front"],
+            FrontLinks(OrderedSender(commands), OrderedReader(events), LatestReader(records)),
+            outlets,
+            Planner(config, shelf),
+            shelf,
+        )
+        self._front_period_ns = nanoseconds(FRONT_PERIOD_S)
+        self.time.add(Part("world", clocks["world"], self._step_world))
+        self.time.add(Part("hub", clocks["hub"], self._step_hub))
+        self.time.add(Part("cycle", clocks["cycle"], self._starting(self.cycle.start, self._step_cycle)))
+        self.time.add(Part("hand", clocks["hand"], self._starting(self.hand.start, self._step_hand)))
+        self.time.add(Part("front", clocks["front"], self._step_front))
+
+    @property
+    def world(self) -> World:
+        """The world behind the devices."""
+        return self.devices.world
+
+    def press(self, button: str) -> None:
+        """Press a button of the arm's pendant: idle, activate, estop, release."""
+        self._hub.transmit(self.devices.wam.press(button, self.time.now_ns), self.devices.wam)
+
+    def run_for(self, duration_s: float) -> None:
+        """Let virtual time pass."""
+        self.time.run_until(self.time.now_ns + nanoseconds(duration_s))
+
+    def client(self) -> Client:
+        """A client of the front; while it waits, virtual time runs."""
+        clock = self._clocks["client"]
+        clock.advance_to_ns(self.time.now_ns)
+        return Client(_VirtualTransport(self.time, clock, self.socket.connect(clock)), clock=clock)
+
+    def _step_world(self) -> int:
+        now_ns = self._clocks["world"].now_ns()
+        self.world.advance_to(now_ns)
+        if self._observe is not None and now_ns % self._observe_period_ns == 0:
+            self._observe(self.world.truth())
+        return now_ns + self.world.physics_period_ns
+
+    def _step_hub(self) -> int:
+        now_ns = self._clocks["hub"].now_ns()
+        self._hub.step(now_ns)
+        return now_ns + nanoseconds(0.002)
+
+    def _step_cycle(self) -> int | None:
+        self.cycle.step()
+        return None if self.cycle.finished else self.cycle.pacer.deadline_ns
+
+    def _step_hand(self) -> int:
+        self.hand.step()
+        return self.hand.pacer.deadline_ns
+
+    def _step_front(self) -> int:
+        self.front.step()
+        return self._clocks["front"].now_ns() + self._front_period_ns
+
+    @staticmethod
+    def _starting(start: Callable[[], None], step: Callable[[], int | None]) -> Callable[[], int | None]:
+        """First `start`, then `step`: start-up too happens at the part's own time."""
+        started = False
+
+        def turn() -> int | None:
+            nonlocal started
+            if not started:
+                started = True
+                start()
+                return 0
+            return step()
+
+        return turn
+
+
+class _VirtualTransport:
+    """A client's connection: waiting for an answer lets virtual time run until it is there."""
+
+    def __init__(self, time: VirtualTime, clock: VirtualClock, connection: MemoryConnection) -> None:
+        self._time = time
+        self._clock = clock
+        self._connection = connection
+
+    def send(self, data: bytes) -> None:
+        self._connection.send(data)
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        deadline_ns = self._clock.now_ns() + nanoseconds(timeout_s)
+
+        def arrived() -> bool:
+            arrival_ns = self._connection.next_arrival_ns()
+            return arrival_ns is not None and arrival_ns <= max(self._time.now_ns, self._clock.now_ns())
+
+        found = arrived() or self._time.run_until(deadline_ns, arrived)
+        self._clock.advance_to_ns(self._time.now_ns if found else deadline_ns)
+        return self._connection.take() if found else None
+
+    def close(self) -> None:
+        pass
