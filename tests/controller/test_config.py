@@ -37,12 +37,12 @@ def test_the_default_installation_is_complete_and_its_hand_exists() -> None:
 
 
 def test_the_default_mount_points_the_palm_out_of_the_flange() -> None:
-    """Hand y (out of the palm) is tool z, hand z is tool x, hand x is tool y; 80 mm along tool z."""
+    """Hand y (out of the palm) is tool z, hand z is −tool x, hand x is −tool y; 80 mm along tool z."""
     T_wrist_hand = load_config().T_wrist_hand
     x_hand, y_hand, z_hand = T_wrist_hand[:3, :3].T
     np.testing.assert_allclose(y_hand, [0, 0, 1], atol=1e-15)
-    np.testing.assert_allclose(z_hand, [1, 0, 0], atol=1e-15)
-    np.testing.assert_allclose(x_hand, [0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(z_hand, [-1, 0, 0], atol=1e-15)
+    np.testing.assert_allclose(x_hand, [0, -1, 0], atol=1e-15)
     np.testing.assert_allclose(T_wrist_hand[:3, 3], [0, 0, 0.08])
 
 

@@ -40,7 +40,8 @@ def test_what_needs_no_privilege_is_achieved() -> None:
         "death = ctypes.c_int(); ctypes.CDLL(None).prctl(2, ctypes.byref(death), 0, 0, 0)\n"
         "slack = ctypes.CDLL(None).prctl(30, 0, 0, 0, 0)\n"
         "status = dict(line.split(':', 1) for line in Path('/proc/self/status').read_text().splitlines())\n"
-        "told(report, slack=slack, gc=gc.isenabled(), death=death.value, allowed=status['Cpus_allowed_list'].strip(), cpu=cpu)"
+        "allowed = status['Cpus_allowed_list'].strip()\n"
+        "told(report, slack=slack, gc=gc.isenabled(), death=death.value, allowed=allowed, cpu=cpu)"
     )
     assert answer["refused"] == 0
     assert (answer["slack"], answer["gc"], answer["death"]) == (1, False, 15)
