@@ -12,8 +12,9 @@ Otherwise a QP finds the nearest velocity along the same path, slower by s in [0
 
     min (v − s v_u)ᵀ H (v − s v_u) + ρ |v_u|²_H (1 − s)²   subject to the bounds,      H = JᵀJ + λ²
 
-which is v_u, s = 1 where no bound binds, so that nothing jumps where one begins to. `solver="pseudoinverse"` is
-the paper's equations 17 and 18 under the same bounds: v_u = Jᵀ(J Jᵀ)⁻¹ V, slowed as a whole, then clipped.
+with λ in H at least `bounded_damping`. That is v_u, s = 1 where no bound binds, so nothing jumps where one begins to.
+`solver="pseudoinverse"` is the paper's equations 17 and 18 under the same bounds: v_u = Jᵀ(J Jᵀ)⁻¹ V, slowed as a
+whole, then clipped.
 """
 
 from __future__ import annotations
@@ -35,6 +36,9 @@ from drivers.errors import InputError
 Solver = Literal["qp", "pseudoinverse"]
 
 
+QP_ITERATIONS = 60  # eight bounds need a dozen; a step that does not end in time is slowed as a whole instead
+
+
 @dataclass(frozen=True)
 class TrackingSettings:
     """How hard the wrist is pulled to its target, and what happens near singularities.
@@ -54,8 +58,9 @@ class TrackingSettings:
     posture_band_rad: float = 0.1  # nothing pulls this near the posture: creep would show friction at the wrist
     rotation_length_m: float = 0.2  # 1 rad of rotation weighs as much as this translation
     damping: float = 1e-4  # λ far from singularities, in m
-    singular_damping: float = 0.05  # λ at a singularity, in m
-    singular_threshold_m: float = 0.04  # below this least singular value the damping grows
+    bounded_damping: float = 0.003  # least λ of the QP: how cheaply free motion replaces a bounded joint's
+    singular_damping: float = 0.02  # λ at a singularity, in m
+    singular_threshold_m: float = 0.015  # below this least singular value the damping grows
     slowing_weight: float = 0.002  # ρ: leaving the path costs 1, slowing down costs this
 
     def __post_init__(self) -> None:
@@ -232,7 +237,7 @@ class DifferentialInverseKinematics:
         J = self._weighted_jacobian
         normal = self._normal
         np.dot(J.T, J, out=normal)
-        self._normal_diagonal += damping_squared
+        self._normal_diagonal += max(damping_squared, self.settings.bounded_damping**2)
         Hv = normal.dot(unbounded)
         size = float(Hv.dot(unbounded))
         slowing = self.settings.slowing_weight * size
@@ -245,7 +250,7 @@ class DifferentialInverseKinematics:
         # Tolerances are absolute: a slow task would otherwise vanish below them.
         factor = 1.0 / max(size, 1e-12)
         solution, _, status, _ = self._solve_qp(
-            H * factor, self._gradient * factor, self._no_rows, self._upper, self._lower
+            H * factor, self._gradient * factor, self._no_rows, self._upper, self._lower, iter_limit=QP_ITERATIONS
         )
         if status < 1:
             return _slowed(unbounded.tolist(), lower, upper)
