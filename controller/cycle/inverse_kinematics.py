@@ -128,6 +128,10 @@ class DifferentialInverseKinematics:
         self._no_rows = np.zeros((0, JOINTS + 1))
         self._solve_qp = cast(Callable[..., tuple[FloatArray, float, int, dict[str, Any]]], daqp.solve)
 
+    def set_posture(self, posture_rad: npt.ArrayLike) -> None:
+        """Lean to `posture_rad` (7) from now on; where the arm starts to grip, so that nothing pulls while it holds."""
+        self.posture_rad = checked_joints(posture_rad, "posture").copy()
+
     def step(
         self,
         q_commanded: npt.ArrayLike,
@@ -176,11 +180,13 @@ class DifferentialInverseKinematics:
         twist = twist_target.tolist()
         period_s = self._period_s
         # What the target's own motion covers in this period is no error.
-        ex, ey, ez = (
-            target - now - period_s * speed
-            for target, now, speed in zip(T_target[:3, 3].tolist(), T[:3, 3].tolist(), twist[:3], strict=True)
-        )
-        rx, ry, rz = (angle - period_s * speed for angle, speed in zip(rotation, twist[3:], strict=True))
+        (x, y, z), (x_now, y_now, z_now) = T_target[:3, 3].tolist(), T[:3, 3].tolist()
+        ex = x - x_now - period_s * twist[0]
+        ey = y - y_now - period_s * twist[1]
+        ez = z - z_now - period_s * twist[2]
+        rx = rotation[0] - period_s * twist[3]
+        ry = rotation[1] - period_s * twist[4]
+        rz = rotation[2] - period_s * twist[5]
         distance_m = sqrt(ex * ex + ey * ey + ez * ez)
         angle_rad = sqrt(rx * rx + ry * ry + rz * rz)
         if not isfinite(distance_m + angle_rad):
@@ -224,6 +230,8 @@ class DifferentialInverseKinematics:
             inverse = np.linalg.inv(self._gram)
         band, gain, limit = settings.posture_band_rad, settings.posture_gain_per_s, settings.posture_speed_rad_s
         away = (self.posture_rad - q).tolist()
+        if max(away) <= band and min(away) >= -band:
+            return damping_squared, J.T.dot(inverse.dot(self._task))
         posture = np.array([copysign(min(gain * max(abs(x) - band, 0.0), limit), x) for x in away])
         self._task -= J.dot(posture)
         posture += J.T.dot(inverse.dot(self._task))

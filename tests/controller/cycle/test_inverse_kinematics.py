@@ -197,7 +197,7 @@ def test_nearly_stretched_arm_stays_calm() -> None:
 
 
 def test_free_motion_leans_to_the_posture() -> None:
-    """Protects the elbow: with the wrist at rest, the arm's free motion takes it towards its posture."""
+    """Protects the elbow: with the wrist at rest, the arm's free motion takes it towards its posture, and there it rests."""
     posture, q, v = START + 0.6, START.copy(), np.zeros(7)
     solving, T = kinematics("qp", LIMITS, posture), MODEL.wrist_pose(START)
     answer: IkStep | None = None
@@ -207,6 +207,11 @@ def test_free_motion_leans_to_the_posture() -> None:
     assert answer is not None
     assert answer.position_error_m < 2e-5
     assert np.linalg.norm(posture - q) < np.linalg.norm(posture - START) - 0.02
+    solving.set_posture(q)
+    for _ in range(500):
+        answer = solving.step(q, v, T, np.zeros(6))
+        q, v = q + PERIOD_S * answer.velocity, answer.velocity
+    assert np.abs(v).max() < 1e-5
 
 
 def test_bad_targets_are_refused() -> None:
