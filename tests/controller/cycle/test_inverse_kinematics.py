@@ -197,7 +197,7 @@ def test_nearly_stretched_arm_stays_calm() -> None:
 
 
 def test_free_motion_leans_to_the_posture() -> None:
-    """Protects the elbow: with the wrist at rest, the arm's free motion takes it towards its posture, and there it rests."""
+    """Protects the elbow: with the wrist at rest, free motion takes the arm towards its posture, where it rests."""
     posture, q, v = START + 0.6, START.copy(), np.zeros(7)
     solving, T = kinematics("qp", LIMITS, posture), MODEL.wrist_pose(START)
     answer: IkStep | None = None
