@@ -207,12 +207,11 @@ def _excursion_arrays(system: GraspSystem, path: PathGrid, channels: Reals) -> t
     for index, event in enumerate(event for event in events(system) if event.stop):
         stop[event.inside(np.nan_to_num(path.w, nan=0.5 * (event.limit + 0))) < 0] = index // 2
     stop[~path.solved] = -1
-    end = _readable_end(path.solved, path.mean_m, path.end_m)
     arrays |= {
         "excursion.axis_0": path.mean_m,
         "excursion.axis_1": path.difference_m,
         "excursion.start": path.start_m,
-        "excursion.end": np.maximum(end, path.start_m),
+        "excursion.end": _readable_end(path.solved, path.mean_m, path.start_m, path.end_m),
         "excursion.validity": (path.solved.astype(np.int8) + inside.astype(np.int8)),
         "excursion.joint_rad": path.w[:, :, : system.joints],
         "excursion.required_friction": np.where(inside, np.where(pressed, friction, 0.0), np.nan),
@@ -246,11 +245,13 @@ def _load_arrays(system: GraspSystem, path: PathGrid, channels: Reals, nodes: in
             start[column] = np.interp(path.start_m[column], means, loads)
             end[column] = np.interp(min(path.end_m[column], steep), means, loads)
         rising.append(path.w[:last, column])
+    filled = np.array([states.shape[0] > 1 for states in rising])
+    start[~filled] = end[~filled] = start[filled].min()  # columns without a path have an empty domain
     axis = np.linspace(float(start.min()), float(end.max()), nodes)
     axis = np.append(axis, axis[-1] + axis[1] - axis[0])
     guess = np.full((axis.size, columns, system.size), np.nan)
     for column, states in enumerate(rising):
-        if states.shape[0] < 2:
+        if not filled[column]:
             continue
         loads = states @ load_row
         near = (axis > loads[0] - 2 * (axis[1] - axis[0])) & (axis < end[column] + 2 * (axis[1] - axis[0]))
@@ -258,7 +259,7 @@ def _load_arrays(system: GraspSystem, path: PathGrid, channels: Reals, nodes: in
             guess[near, column, unknown] = np.interp(axis[near], loads, states[:, unknown])
     w = _solved_by_load(system, path, by_load, axis, guess)
     solved = known(w)
-    end = np.maximum(_readable_end(solved, axis, end), start)
+    end = _readable_end(solved, axis, start, end)
     arrays = _node_arrays("load", system, by_load, w, channels)
     arrays |= {"load.axis_0": axis, "load.axis_1": path.difference_m, "load.start": start, "load.end": end}
     return arrays, _residual(system, by_load, w)
@@ -280,12 +281,16 @@ def _solved_by_load(system: GraspSystem, path: PathGrid, drive: Drive, axis: Rea
     return w
 
 
-def _readable_end(solved: Flags, axis: Reals, end: Reals) -> Reals:
-    """The domain's end, drawn back to where all cells below it have their four corners."""
+def _readable_end(solved: Flags, axis: Reals, start: Reals, end: Reals) -> Reals:
+    """The domain's end, drawn back so that all cells from its start up have their four corners."""
     cells = solved[:-1, :-1] & solved[1:, :-1] & solved[:-1, 1:] & solved[1:, 1:]
-    heights = np.array([axis[int(np.argmin(np.append(column, False)))] for column in cells.T])
-    lowest: Reals = np.minimum(np.append(heights, np.inf), np.insert(heights, 0, np.inf))
-    return np.asarray(np.minimum(end, lowest))
+    lowest = np.clip((np.minimum(start[:-1], start[1:]) - axis[0]) / (axis[1] - axis[0]), 0, axis.size - 2).astype(int)
+    heights = [
+        axis[first + int(np.argmin(np.append(column[first:], False)))]
+        for first, column in zip(lowest, cells.T, strict=True)
+    ]
+    bounds: Reals = np.minimum([*heights, np.inf], [np.inf, *heights])
+    return np.asarray(np.maximum(np.minimum(end, bounds), start))
 
 
 def _frozen_arrays(system: GraspSystem, path: PathGrid, channels: Reals) -> Arrays:
@@ -293,7 +298,7 @@ def _frozen_arrays(system: GraspSystem, path: PathGrid, channels: Reals) -> Arra
     load above."""
     columns = path.difference_m.size
     travel, load_N, slope = np.full(columns, 1.0), np.zeros(columns), np.zeros((columns, channels.shape[0]))
-    distal = [1, 3]
+    distal = [1, 3]  # the joints that close: their stops freeze the hand
     by_load, by_excursion = load_drive(system), excursion_drive(system)
     for column, event in enumerate(path.end_event):
         state = path.end_w[column]
@@ -310,4 +315,5 @@ def _frozen_arrays(system: GraspSystem, path: PathGrid, channels: Reals) -> Arra
         load_N[column] = max(float(by_load.rows[0] @ state), float(inside.max()))
         slope[column] = channels @ system.tangent(state[None], by_load, at_stop)[0, :, 0]
     slope[~np.isfinite(slope)] = 0.0
+    slope[:, :6] = 0.0  # exactly: only loads and forces still move
     return {"frozen.travel_m": travel, "frozen.load_N": load_N, "frozen.slope_per_N": slope}

@@ -172,7 +172,7 @@ class MotionTable:
             return TableSample(Status.INSIDE, rows, self.contact_pose, self._tendons)
         place, near_0, near_1 = grid.place(mean_m, difference_m)
         if place is Place.BEYOND_END and self._frozen(near_1) is not None:
-            return self._sample(Status.FROZEN, self._edge(grid, near_0, near_1))
+            return self._edge(Status.FROZEN, grid, near_0, near_1)
         return self._beside(grid, place, near_0, near_1)
 
     def at_load(self, mean_N: float, difference_m: float) -> TableSample:
@@ -186,11 +186,12 @@ class MotionTable:
         place, near_0, near_1 = grid.place(mean_N, difference_m)
         column = self._frozen(near_1) if place is Place.BEYOND_END else None
         if column is not None and self.arrays["frozen.load_N"][column] <= mean_N <= self.header.settings["load_cap_N"]:
-            rows = self._edge(self._excursion, self._excursion.end_at(near_1), near_1)
+            sample = self._edge(Status.FROZEN, self._excursion, self._excursion.end_at(near_1), near_1)
             slope = self.arrays["frozen.slope_per_N"][column]
-            rows[0] += slope * (mean_N - 0.5 * rows[0, 6 : 6 + self._tendons].sum())
-            rows[1] = slope
-            return self._sample(Status.FROZEN, rows)
+            if sample.status is Status.FROZEN:
+                sample.rows[0] += slope * (mean_N - float(sample.tension.mean()))
+                sample.rows[1] = slope
+            return sample
         return self._beside(grid, place, near_0, near_1)
 
     # -- what is in it -----------------------------------------------------------------------------------------------
@@ -280,17 +281,20 @@ class MotionTable:
         return TableSample(status, rows, self.contact_pose, self._tendons)
 
     def _beside(self, grid: TableGrid, place: Place, near_0: float, near_1: float) -> TableSample:
-        if place is Place.HOLE:
-            return self._sample(Status.INVALID, self._contact_rows)
         if place is Place.BEFORE_START:
             return self._sample(Status.BEFORE_CONTACT, self._contact_rows)
-        return self._sample(Status.OUTSIDE, self._edge(grid, near_0, near_1))
+        return self._edge(Status.OUTSIDE, grid, near_0, near_1) if place is not Place.HOLE else self._invalid()
 
-    def _edge(self, grid: TableGrid, near_0: float, near_1: float) -> Reals:
-        rows = grid.inside(near_0, near_1)
-        held = np.zeros_like(self._contact_rows)
-        held[0] = self._contact_rows[0] if rows is None else rows[0]
-        return held
+    def _edge(self, status: Status, grid: TableGrid, near_0: float, near_1: float) -> TableSample:
+        """Sample held at an edge of the domain: its values, zero slopes."""
+        rows = grid.nearest(near_0, near_1)
+        if rows is None:
+            return self._invalid()
+        rows[1:] = 0.0
+        return self._sample(status, rows)
+
+    def _invalid(self) -> TableSample:
+        return self._sample(Status.INVALID, self._contact_rows)
 
     def _frozen(self, difference_m: float) -> int | None:
         """Nearest column if all stops are met together at its end (within the build's frozen travel), else None."""

@@ -140,6 +140,15 @@ class TableGrid:
             return Place.BEYOND_END, end, near_1
         return Place.HOLE, index_0, near_1
 
+    def nearest(self, index_0: float, index_1: float) -> Reals | None:
+        """As `inside`, for an index that `place` gave: on an edge, rounding does not matter. None in a hole."""
+        last_0, last_1 = self._last
+        share_0 = min(max((index_0 - self.origin[0]) * self._inverse[0], 0.0), last_0 + 1.0)
+        share_1 = min(max((index_1 - self.origin[1]) * self._inverse[1], 0.0), last_1 + 1.0)
+        i, j = min(int(share_0), last_0), min(int(share_1), last_1)
+        cell = self._cells[i][j]
+        return None if cell is None else self._rows(cell, share_0 - i, share_1 - j)
+
     def _rows(self, cell: Reals, u: float, v: float) -> Reals:
         """Value and slopes in a cell at the shares `u` of axis 0 and `v` of axis 1: one small product, written out."""
         a, b = self._inverse

@@ -13,7 +13,8 @@ scaled (lengths by 30 mm, torques by the joints' stiffness). Source: hand-mechan
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,40 +64,59 @@ class GraspSystem:
     contacts: tuple[RollingContact, RollingContact]
     start: FirstContact
     load_cap_N: float
-    joints: int = field(init=False)
-    unknowns: int = field(init=False)
-    size: int = field(init=False)
-    stiffness: Reals = field(init=False)
-    tendon_rows: Reals = field(init=False)
-    lower_rad: Reals = field(init=False)
-    upper_rad: Reals = field(init=False)
-    column_scale: Reals = field(init=False)
-    row_scale: Reals = field(init=False)
 
-    def __post_init__(self) -> None:
-        joints = sum(finger.tendon_arm_m.size for finger in self.fingers)
-        unknowns = joints + 3
-        stiffness = np.zeros(unknowns)
-        stiffness[:joints] = np.concatenate([finger.stiffness_Nm_per_rad for finger in self.fingers])
-        tendon_rows = np.zeros((2, unknowns))
-        for row, part, finger in zip(tendon_rows, self._parts(), self.fingers, strict=True):
+    @cached_property
+    def joints(self) -> int:
+        """Number of joint coordinates."""
+        return sum(finger.tendon_arm_m.size for finger in self.fingers)
+
+    @cached_property
+    def unknowns(self) -> int:
+        """Size of z."""
+        return self.joints + 3
+
+    @cached_property
+    def size(self) -> int:
+        """Size of w: z, four contact multipliers, two tendon loads."""
+        return self.unknowns + 6
+
+    @cached_property
+    def stiffness(self) -> Reals:
+        """(size of z,) joint stiffness, N m/rad; 0 for the object."""
+        return np.concatenate([*(finger.stiffness_Nm_per_rad for finger in self.fingers), np.zeros(3)])
+
+    @cached_property
+    def tendon_rows(self) -> Reals:
+        """(2, size of z) tendon excursion since rest per unknown, m/rad."""
+        rows = np.zeros((2, self.unknowns))
+        for row, part, finger in zip(rows, self._parts, self.fingers, strict=True):
             row[part] = finger.tendon_arm_m
-        torque = float(stiffness[:joints].max())
-        lengths = np.array([1.0] * joints + [LENGTH_M, LENGTH_M, 1.0])
-        loads = np.array([torque / LENGTH_M] * 4 + [torque / float(tendon_rows.max())] * 2)
-        values = {
-            "joints": joints,
-            "unknowns": unknowns,
-            "size": unknowns + 6,
-            "stiffness": stiffness,
-            "tendon_rows": tendon_rows,
-            "lower_rad": np.concatenate([finger.lower_rad for finger in self.fingers]),
-            "upper_rad": np.concatenate([finger.upper_rad for finger in self.fingers]),
-            "column_scale": np.concatenate([lengths, loads, [torque] * joints]),
-            "row_scale": np.concatenate([lengths / torque, [1 / LENGTH_M] * 4, [1.0] * 2, [1.0] * joints]),
-        }
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
+        return rows
+
+    @cached_property
+    def lower_rad(self) -> Reals:
+        """(joints,) lower stops."""
+        return np.concatenate([finger.lower_rad for finger in self.fingers])
+
+    @cached_property
+    def upper_rad(self) -> Reals:
+        """(joints,) upper stops."""
+        return np.concatenate([finger.upper_rad for finger in self.fingers])
+
+    @cached_property
+    def column_scale(self) -> Reals:
+        """Typical size of each unknown: w, then the stops' torques."""
+        torque = float(self.stiffness.max())
+        lengths = [1.0] * self.joints + [LENGTH_M, LENGTH_M, 1.0]
+        loads = [torque / LENGTH_M] * 4 + [torque / float(self.tendon_rows.max())] * 2
+        return np.array([*lengths, *loads, *[torque] * self.joints])
+
+    @cached_property
+    def row_scale(self) -> Reals:
+        """Reciprocal of the typical size of each equation: balance, contacts, drive, stops."""
+        torque = float(self.stiffness.max())
+        balance = self.column_scale[: self.unknowns] / torque
+        return np.concatenate([balance, [1 / LENGTH_M] * 4, [1.0] * 2, [1.0] * self.joints])
 
     # -- what is in a state ------------------------------------------------------------------------------------------
 
@@ -206,13 +226,13 @@ class GraspSystem:
         energy: Reals = 0.5 * (z * z) @ self.stiffness
         return energy
 
+    @cached_property
     def _parts(self) -> tuple[slice, slice]:
         right = self.fingers[0].tendon_arm_m.size
-        return slice(0, right), slice(right, right + self.fingers[1].tendon_arm_m.size)
+        return slice(0, right), slice(right, self.joints)
 
     def _local(self, part: slice) -> list[int]:
-        joints = sum(finger.tendon_arm_m.size for finger in self.fingers)
-        return [*range(part.start, part.stop), joints, joints + 1, joints + 2]
+        return [*range(part.start, part.stop), *range(self.joints, self.unknowns)]
 
     def _constraints(self, w: Reals) -> ConstraintJet:
         """All contacts on all of z."""
@@ -220,7 +240,7 @@ class GraspSystem:
         batch = w.shape[0]
         value, slope, curve = np.zeros((batch, 4)), np.zeros((batch, 4, n)), np.zeros((batch, 4, n, n))
         pose = w[:, self.joints : n]
-        for index, (contact, part) in enumerate(zip(self.contacts, self._parts(), strict=True)):
+        for index, (contact, part) in enumerate(zip(self.contacts, self._parts, strict=True)):
             jet, local, rows = contact.at(w[:, part], pose), self._local(part), slice(2 * index, 2 * index + 2)
             value[:, rows] = jet.value
             slope[:, rows, local] = jet.gradient
@@ -230,7 +250,7 @@ class GraspSystem:
     def _third(self, w: Reals, u: Reals, v: Reals) -> Reals:
         result = np.zeros((w.shape[0], 4, self.unknowns))
         pose = w[:, self.joints : self.unknowns]
-        for index, (contact, part) in enumerate(zip(self.contacts, self._parts(), strict=True)):
+        for index, (contact, part) in enumerate(zip(self.contacts, self._parts, strict=True)):
             local = self._local(part)
             result[:, 2 * index : 2 * index + 2, local] = contact.third(w[:, part], pose, u[:, local], v[:, local])
         return result

@@ -202,7 +202,7 @@ def _column_start(system: GraspSystem, drive: Drive, origin: Reals, path: Reals,
             event = Drive(np.array([row, drive.rows[1]]))
             state = system.solve(path[:1], event, np.array([[0.0, difference]]))
             mean = float(drive.rows[0] @ state.w[0] - origin[0])
-            start = max(start, mean if state.converged[0] else np.inf)
+            start = max(start, mean if state.converged[0] else LONGEST_PATH_M)
     return start
 
 

@@ -1,0 +1,163 @@
+"""Built tables against direct solutions, and the reuse of stored ones."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from calibration.build import build_or_load, build_table, inputs_sha256, is_current
+from calibration.grasp.continuation import advance
+from calibration.grasp.equilibrium import GraspSystem, grasp_system
+from calibration.grasp.path_grid import excursion_drive, load_drive
+from calibration.grasp.specification import GraspSpec
+from calibration.hand.finger import Reals
+from calibration.hand.parameters import load_hand
+from calibration.motion_table import MotionTable, Status
+from calibration.objects import Disc, GraspObject, load_object
+from drivers.errors import MechanicsError
+
+HAND, CYLINDER = load_hand("t42pp"), load_object("cylinder40")
+
+
+def directly(system: GraspSystem, mean_m: float, difference_m: float) -> Reals:
+    """State solved without the table, in small steps from first contact."""
+    drive, w = excursion_drive(system), system.first_state()[None]
+    origin = drive.rows @ w[0]
+    for share in np.linspace(0, 1, 13)[1:]:
+        here, there = (origin + at * np.array([[mean_m, difference_m]]) for at in (share - 1 / 12, share))
+        w = advance(system, w, drive, here, there)
+    state: Reals = w[0]
+    return state
+
+
+@pytest.mark.parametrize("split", [0.0, 0.1])
+def test_table_equals_direct_solutions_at_random_points(
+    split: float, symmetric_table: MotionTable, split_table: MotionTable
+) -> None:
+    """By excursion to 1 nm and 0.1 µrad; by load, whose curve flattens towards its end, to 3 µm and 50 µrad."""
+    table = split_table if split else symmetric_table
+    system = grasp_system(HAND, CYLINDER, GraspSpec(onset_split=split))
+    rng = np.random.default_rng(3)
+    for mean, difference in zip(rng.uniform(1e-4, 5e-3, 25), rng.uniform(-1.9e-3, 1.9e-3, 25), strict=True):
+        w = directly(system, mean, difference)
+        motion, load = w[4:7] - system.start.object_pose, float(w[-2:].mean())
+        forces = (system.contact_rows() @ w)[[0, 2]]
+        for sample, error_m, error_rad, error_N in (
+            (table.at_excursion(mean, difference), 1e-9, 1e-7, 1e-4),
+            (table.at_load(load, difference), 3e-6, 5e-5, 5e-3),
+        ):
+            assert sample.status is Status.INSIDE
+            assert sample.planar_motion[:2] == pytest.approx(motion[:2], abs=error_m)
+            assert sample.planar_motion[2] == pytest.approx(motion[2], abs=error_rad)
+            assert sample.tension == pytest.approx(w[-2:], abs=error_N)
+            assert sample.contact_force == pytest.approx(forces, abs=error_N)
+
+
+def test_symmetric_table_is_symmetric(symmetric_table: MotionTable) -> None:
+    """Equal winding moves along y only; exchanging the fingers mirrors the motion."""
+    for mean in np.linspace(1e-4, 7.8e-3, 40):
+        x, y, angle = symmetric_table.at_excursion(mean, 0.0).planar_motion
+        assert abs(x) < 1e-12
+        assert abs(angle) < 1e-11
+        assert y < 0
+    one, other = symmetric_table.at_excursion(2e-3, 7e-4), symmetric_table.at_excursion(2e-3, -7e-4)
+    assert one.planar_motion == pytest.approx(np.array(other.planar_motion) * [-1, 1, -1], abs=1e-10)
+    assert one.tension == pytest.approx(other.tension[::-1], abs=1e-8)
+
+
+def test_demo_path_lies_well_inside(symmetric_table: MotionTable, split_table: MotionTable) -> None:
+    """Equal winding to 80 N mean load moves the object by more than 13 mm, with room to spare, stable, no slip."""
+    for table in (symmetric_table, split_table):
+        sample = table.at_load(80.0, 0.0)
+        assert sample.status is Status.INSIDE
+        assert np.hypot(*sample.planar_motion[:2]) > 0.013
+        assert table.mean_load_end_N(0.0) > 95
+        assert sample.required_friction < 0.3
+        inside = table.arrays["excursion.validity"] == 2
+        assert (table.arrays["excursion.stability"][inside] > 0).all()
+        assert table.header.solver["largest_residual"] < 1e-10
+
+
+def test_domain_ends_where_a_distal_joint_meets_its_stop(symmetric_table: MotionTable) -> None:
+    """The stored end curve is the excursion at which a distal joint is at 1.8 rad."""
+    system = grasp_system(HAND, CYLINDER, GraspSpec())
+    for difference in (0.0, 1e-3, -1.5e-3):
+        end = symmetric_table.mean_excursion_end_m(difference)
+        assert directly(system, end, difference)[[1, 3]].max() == pytest.approx(np.radians(103.1324), abs=1e-6)
+    assert all(event.endswith("distal stop") for event in symmetric_table.header.column_end)
+
+
+def test_beyond_all_stops_the_pose_is_frozen_and_the_force_rises(symmetric_table: MotionTable) -> None:
+    """Above the stop load the sample equals an equilibrium solved with the stops."""
+    system = grasp_system(HAND, CYLINDER, GraspSpec())
+    end = symmetric_table.mean_excursion_end_m(0.0)
+    drive = load_drive(system)
+    w = directly(system, end, 0.0)
+    poses = []
+    for load in (106.0, 120.0):
+        sample = symmetric_table.at_load(load, 0.0)
+        assert sample.status is Status.FROZEN
+        states = system.solve(w[None], drive, np.array([[load, float(drive.rows[1] @ w)]]), stops=True)
+        assert states.converged[0]
+        assert sample.contact_force == pytest.approx((system.contact_rows() @ states.w[0])[[0, 2]], abs=1e-4)
+        assert sample.planar_motion == pytest.approx(states.w[0, 4:7] - system.start.object_pose, abs=1e-6)
+        poses.append(sample.planar_motion)
+        assert np.abs(sample.jacobian).max() < 1e-9
+    assert poses[0] == poses[1]
+    assert symmetric_table.at_excursion(end + 1e-3, 0.0).status is Status.FROZEN
+    assert symmetric_table.at_excursion(end + 1e-3, 1e-3).status is Status.OUTSIDE
+    assert symmetric_table.at_load(129.0, 0.0).status is Status.OUTSIDE  # above the load cap
+
+
+def test_a_load_cap_ends_the_domain() -> None:
+    """With a cap of 60 N the end curve is where the more loaded tendon carries 60 N."""
+    table = build_table(HAND, CYLINDER, GraspSpec(onset_split=0.1, load_cap_N=60.0), nodes=13)
+    for difference in table.arrays["excursion.axis_1"][::3]:
+        sample = table.at_excursion(table.mean_excursion_end_m(difference) - 1e-9, difference)
+        assert sample.tension.max() == pytest.approx(60.0, abs=1e-3)
+    assert {*table.header.column_end} <= {"right load cap", "left load cap"}
+
+
+def test_stored_table_is_reused_until_an_input_changes(tmp_path: Path) -> None:
+    """Same inputs: read back; another input, or a damaged file: built again."""
+    path = tmp_path / "table.npz"
+    first, reused = build_or_load(path, HAND, CYLINDER, nodes=9)
+    assert not reused
+    again, reused = build_or_load(path, HAND, CYLINDER, nodes=9)
+    assert reused
+    assert again.inputs_sha256 == first.inputs_sha256
+    assert is_current(again)
+    _, reused = build_or_load(path, HAND, CYLINDER, GraspSpec(onset_split=0.05), nodes=9)
+    assert not reused
+    path.write_bytes(path.read_bytes()[:-5])
+    assert build_or_load(path, HAND, CYLINDER, GraspSpec(onset_split=0.05), nodes=9)[1] is False
+
+
+def test_every_input_counts_in_the_hash() -> None:
+    """Another mass, preset, split or grid is another table."""
+    hashes = {
+        inputs_sha256(HAND, CYLINDER, GraspSpec()),
+        inputs_sha256(load_hand("t42pp", "nominal"), CYLINDER, GraspSpec()),
+        inputs_sha256(HAND, replace(CYLINDER, mass_kg=0.2), GraspSpec()),
+        inputs_sha256(HAND, CYLINDER, GraspSpec(onset_split=1e-9)),
+        inputs_sha256(HAND, CYLINDER, GraspSpec(), nodes=43),
+    }
+    assert len(hashes) == 5
+
+
+@pytest.mark.parametrize("nodes", [8, 402, -1])
+def test_bad_requests_are_refused(nodes: int) -> None:
+    """A grid too coarse or too fine, and an object without the support that the grasp claims."""
+    with pytest.raises(MechanicsError, match="nodes"):
+        build_table(HAND, CYLINDER, nodes=nodes)
+    with pytest.raises(MechanicsError, match="has no \\[support\\]"):
+        build_table(HAND, GraspObject("ball", Disc(0.04), 0.1))
+
+
+def test_progress_rises_to_one() -> None:
+    """Long work shows how far it is."""
+    heard: list[float] = []
+    build_table(HAND, CYLINDER, nodes=9, progress=heard.append)
+    assert heard == sorted(heard)
+    assert heard[-1] == 1.0
