@@ -85,6 +85,7 @@ class ArmMotion:
         self.joint_velocity_rad_s[:] = 0.0
         self.joint_acceleration_rad_s2[:] = 0.0
         self.T_world_wrist_plan = self._model.wrist_pose(joint_rad)
+        self._kinematics.set_posture(joint_rad)
         self.scale = 1.0
 
     @property
@@ -214,6 +215,8 @@ class ArmMotion:
             self.joint_velocity_rad_s[:] = 0.0
             self.joint_acceleration_rad_s2[:] = 0.0
             self.T_world_wrist_plan = self._model.wrist_pose(self.joint_rad)
+            # The free motion leans to where the joints are: drifting elsewhere would show friction at the wrist.
+            self._kinematics.set_posture(self.joint_rad)
         self._joint_path = self._wrist_path = None
 
 

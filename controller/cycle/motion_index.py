@@ -26,6 +26,7 @@ class IndexSettings:
 
     excursion: ObserverSettings = ObserverSettings(lag_s=0.02, bandwidth_rad_s=25.0)
     load: ObserverSettings = ObserverSettings(lag_s=0.02, bandwidth_rad_s=8.0)
+    winding_rate_m_s: float = 5e-4
     excursion_deviation_m: float = 5e-5
     load_deviation_N: float = 3.0
 
@@ -125,7 +126,9 @@ class MotionIndex:
         mean_m, difference_m = self._measured(hand)
         self._mean.correct(mean_m, sample_ns, now_ns)
         self._difference.correct(difference_m, sample_ns, now_ns)
-        if winding and self._onset_shift_N is not None:
+        # Where a motor has not begun to turn, friction hides its load (dynamixel reference 3.3).
+        turning = min(hand.rate_m_s) > self._settings.winding_rate_m_s
+        if winding and turning and self._onset_shift_N is not None:
             self._load.correct(self.measured_load_N(hand), sample_ns, now_ns)
 
     def measured_load_N(self, hand: HandState) -> float:
