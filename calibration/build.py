@@ -290,6 +290,7 @@ def _readable_end(solved: Flags, axis: Reals, start: Reals, end: Reals) -> Reals
         for first, column in zip(lowest, cells.T, strict=True)
     ]
     bounds: Reals = np.minimum([*heights, np.inf], [np.inf, *heights])
+    bounds -= 1e-9 * (axis[1] - axis[0])  # the edge belongs to the cell below it
     return np.asarray(np.maximum(np.minimum(end, bounds), start))
 
 

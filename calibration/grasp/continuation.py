@@ -14,6 +14,9 @@ from calibration.hand.finger import Reals
 
 LONGEST_STEP = 0.3
 """Largest change of a joint (rad) that one step may bring."""
+CORRECTION = 0.1
+"""Largest scaled difference between prediction and solution. Past a configuration where contacts and tendons lock,
+forces come back with the other sign: such a jump is far from every prediction, however small the step."""
 HALVINGS = 5
 
 
@@ -42,7 +45,8 @@ def advance(
     states = system.solve(guess, drive, end[alive], stops=stops)
     joints = slice(0, system.joints)
     small = np.abs(states.w[:, joints] - before[:, joints]).max(1) < LONGEST_STEP
-    good = states.converged & small
+    near = stops | (np.abs((states.w - guess) / system.column_scale[: system.size]).max(1) < CORRECTION)
+    good = states.converged & small & near
     result[alive[good]] = states.w[good]
     if halvings > 0 and not good.all():
         again = alive[~good]

@@ -22,6 +22,7 @@ from drivers.errors import MechanicsError
 TRACE_STEP_M = 1e-4
 LONGEST_PATH_M = 0.06
 NO_SOLUTION = "no stable equilibrium"
+ROUNDING_N = 1e-9
 
 Progress = Callable[[float], None]
 
@@ -176,34 +177,58 @@ def _with_neighbours(ended: Flags) -> Flags:
 
 
 def _with_ends(system: GraspSystem, drive: Drive, origin: Reals, grid: PathGrid) -> PathGrid:
+    """The grid with its domain; a column that has none keeps no nodes, so that nobody interpolates towards it."""
     columns = grid.difference_m.size
-    start, end = np.zeros(columns), np.zeros(columns)
+    w, start, end = grid.w.copy(), np.zeros(columns), np.zeros(columns)
     end_w, names = np.full((columns, system.size), np.nan), []
     stable = np.zeros(grid.solved.shape, bool)
     stable[grid.solved] = system.stability(grid.w[grid.solved]) > 0
     for column in range(columns):
-        path, steady = grid.w[:, column], stable[:, column]
+        path, steady = w[:, column], stable[:, column]
         difference = float(grid.difference_m[column] + origin[1])
-        start[column] = _column_start(system, drive, origin, path, difference)
-        mean, state, name = _column_end(
-            system, drive, origin, path, steady, difference, float(start[column]), grid.mean_m
-        )
-        end[column], end_w[column] = max(mean, start[column]), state
+        first = _column_start(system, drive, origin, path, difference, grid.mean_m)
+        mean, state, name = 0.0, path[0], NO_SOLUTION
+        if first is not None:
+            mean, state, name = _column_end(system, drive, origin, path, steady, difference, first, grid.mean_m)
         names.append(name)
-    return PathGrid(grid.mean_m, grid.difference_m, grid.w, start, end, end_w, tuple(names))
+        if first is None or mean <= first:
+            w[:, column] = np.nan
+        else:
+            start[column], end[column], end_w[column] = first, mean, state
+    return PathGrid(grid.mean_m, grid.difference_m, w, start, end, end_w, tuple(names))
 
 
-def _column_start(system: GraspSystem, drive: Drive, origin: Reals, path: Reals, difference: float) -> float:
-    """Mean excursion, not below 0, from which both fingers press."""
+def _column_start(
+    system: GraspSystem, drive: Drive, origin: Reals, path: Reals, difference: float, mean_m: Reals
+) -> float | None:
+    """Mean excursion, not below 0, from which both fingers press; None if they never do."""
     contacts = system.contact_rows()[[0, 2]]
+    pressing = np.flatnonzero((path @ contacts.T >= -ROUNDING_N).all(1))
+    if pressing.size == 0:
+        return None
+    first = int(pressing[0])
+    if first == 0:
+        return 0.0
     start = 0.0
     for row in contacts:
-        if np.isfinite(path[0]).all() and row @ path[0] < -1e-9:
-            event = Drive(np.array([row, drive.rows[1]]))
-            state = system.solve(path[:1], event, np.array([[0.0, difference]]))
-            mean = float(drive.rows[0] @ state.w[0] - origin[0])
-            start = max(start, mean if state.converged[0] else LONGEST_PATH_M)
+        if row @ path[first - 1] < 0:
+            event = Event("", row, 0.0, 1.0)
+            found = _crossing(system, drive, event, path[first - 1], path[first], difference)
+            start = max(start, float(drive.rows[0] @ found - origin[0]) if found is not None else float(mean_m[first]))
     return start
+
+
+def _crossing(
+    system: GraspSystem, drive: Drive, event: Event, before: Reals, after: Reals, difference: float
+) -> Reals | None:
+    """State between two nodes of a column at which the event happens; None if it cannot be found there."""
+    inside, outside = float(event.inside(before)), float(event.inside(after))
+    guess = before + inside / (inside - outside) * (after - before)
+    states = system.solve(
+        guess[None], Drive(np.array([event.row, drive.rows[1]])), np.array([[event.limit, difference]])
+    )
+    first, mean, last = (float(drive.rows[0] @ w) for w in (before, states.w[0], after))
+    return states.w[0] if states.converged[0] and first - 1e-9 <= mean <= last + 1e-9 else None
 
 
 def _column_end(
@@ -218,24 +243,25 @@ def _column_end(
 ) -> tuple[float, Reals, str]:
     """First event of a column: mean excursion, state, name."""
     watched = events(system)
-    inner = mean_m > start_m
+    inner = mean_m >= start_m
+    for event in watched:
+        if "contact" not in event.name and not event.inside(path[0]) >= 0:
+            return 0.0, path[0], event.name
     for index in range(1, mean_m.size):
         if not stable[index - 1 : index + 1].all():
             return float(mean_m[index - 1]), path[index - 1], NO_SOLUTION
         before, after = path[index - 1], path[index]
         crossed = [
-            event for event in watched if event.inside(after) < 0 and (inner[index - 1] or "contact" not in event.name)
+            event
+            for event in watched
+            if event.inside(after) < -ROUNDING_N <= event.inside(before)
+            and (inner[index - 1] or "contact" not in event.name)
         ]
         found = []
         for event in crossed:
-            inside, outside = float(event.inside(before)), float(event.inside(after))
-            share = min(1.0, max(0.0, inside / (inside - outside)))
-            guess = before + share * (after - before)
-            state = system.solve(
-                guess[None], Drive(np.array([event.row, drive.rows[1]])), np.array([[event.limit, difference]])
-            )
-            if state.converged[0]:
-                found.append((float(drive.rows[0] @ state.w[0] - origin[0]), state.w[0], event.name))
+            state = _crossing(system, drive, event, before, after, difference)
+            if state is not None:
+                found.append((float(drive.rows[0] @ state - origin[0]), state, event.name))
         if found:
             return min(found, key=lambda item: item[0])
         if crossed:

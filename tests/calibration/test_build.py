@@ -161,3 +161,21 @@ def test_progress_rises_to_one() -> None:
     build_table(HAND, CYLINDER, nodes=9, progress=heard.append)
     assert heard == sorted(heard)
     assert heard[-1] == 1.0
+
+
+def test_an_extreme_grasp_gives_an_honest_table() -> None:
+    """40 % split on a thin object: tendons go slack and contacts part; every sample is finite and has its status, and
+    what is inside presses with both fingers, pulls with both tendons and keeps within the load cap."""
+    table = build_table(HAND, load_object("cylinder30"), GraspSpec(onset_split=0.4), nodes=21)
+    (low, high), (left, right) = table.excursion_range
+    rng = np.random.default_rng(5)
+    seen = set()
+    for mean, difference in zip(rng.uniform(low, high, 400), rng.uniform(left, right, 400), strict=True):
+        sample = table.at_excursion(mean, difference)
+        seen.add(sample.status)
+        assert np.isfinite(sample.rows).all()
+        if sample.status is Status.INSIDE:
+            assert sample.contact_force.min() > -1e-3
+            assert sample.tension.min() > -1e-2
+            assert sample.tension.max() < 128 + 1e-2
+    assert {Status.INSIDE, Status.OUTSIDE} <= seen

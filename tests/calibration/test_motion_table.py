@@ -201,3 +201,16 @@ def test_header_is_plain_json(split_table: MotionTable) -> None:
     assert header["object"]["shape"] == {"kind": "disc", "diameter_m": 0.04}
     assert header["grasp"]["onset_split"] == 0.1
     assert len(header["inputs_sha256"]) == 64
+
+
+def test_a_hole_is_marked_and_not_interpolated_over(split_table: MotionTable) -> None:
+    """Where a node has no solution the sample says invalid, holds the contact pose and moves nothing."""
+    arrays = {name: array.copy() for name, array in split_table.arrays.items()}
+    arrays["excursion.value"][10, 20] = np.nan
+    table = MotionTable(split_table.header, arrays)
+    step = arrays["excursion.axis_0"][1]
+    sample = table.at_excursion(10.5 * step, 0.0)
+    assert sample.status is Status.INVALID
+    assert not sample.motion.any()
+    assert not sample.jacobian.any()
+    assert table.at_excursion(12.5 * step, 0.0).status is Status.INSIDE
