@@ -58,20 +58,20 @@ class Payload:
 class ArmFriction:
     """Joint friction: viscous (7, N·m·s/rad) and Coulomb (7, N·m) coefficients, none by default.
 
-    The Coulomb torque turns over smoothly, as tanh(v / `turnover_rad_s`), so that it is zero at rest.
+    The Coulomb torque keeps its sign at rest and turns over within about `turnover_rad` (`joint_friction.py`).
     """
 
     viscous_Nms_per_rad: tuple[float, ...] = (0.0,) * JOINTS
     coulomb_Nm: tuple[float, ...] = (0.0,) * JOINTS
-    turnover_rad_s: float = 0.003
+    turnover_rad: float = 2e-4
 
     def __post_init__(self) -> None:
         for name in ("viscous_Nms_per_rad", "coulomb_Nm"):
             values = getattr(self, name)
             if len(values) != JOINTS or not all(isfinite(value) and value >= 0.0 for value in values):
                 raise InputError(f"arm friction {name} is {values}; expected {JOINTS} finite values, none negative.")
-        if not (isfinite(self.turnover_rad_s) and self.turnover_rad_s > 0.0):
-            raise InputError(f"arm friction turnover_rad_s is {self.turnover_rad_s}; expected a positive speed.")
+        if not (isfinite(self.turnover_rad) and self.turnover_rad > 0.0):
+            raise InputError(f"arm friction turnover_rad is {self.turnover_rad}; expected a positive angle.")
 
 
 class ArmModel:
@@ -120,7 +120,7 @@ class ArmModel:
         self._oMf = self._data.oMf
         self._viscous = friction.viscous_Nms_per_rad
         self._coulomb = friction.coulomb_Nm
-        self._inverse_turnover_s = 1.0 / friction.turnover_rad_s
+        self.friction_turnover_rad = friction.turnover_rad
         self._rest = np.zeros(JOINTS)
         self.pose: FloatArray = np.eye(4)
         self.jacobian_now: FloatArray = np.zeros((6, JOINTS))
@@ -168,22 +168,26 @@ class ArmModel:
         q = checked_joints(q, "joint angles")
         return np.array(pinocchio.crba(self._model, self._data, q, pinocchio.Convention.WORLD))
 
-    def friction(self, v: npt.ArrayLike) -> FloatArray:
-        """Torques (7, N·m) that overcome joint friction at joint velocity `v`; zero at rest."""
-        return self._friction(checked_joints(v, "joint velocities"))
+    def friction(self, v: npt.ArrayLike, direction: Sequence[float]) -> FloatArray:
+        """Torques (7, N·m) that overcome joint friction at joint velocity `v` (7, rad/s); `direction` (7), −1 to 1, is
+        that of Coulomb friction."""
+        return self._friction(checked_joints(v, "joint velocities"), direction)
 
-    def feed_forward(self, q: npt.ArrayLike, v: npt.ArrayLike, a: npt.ArrayLike) -> FloatArray:
+    def feed_forward(
+        self, q: npt.ArrayLike, v: npt.ArrayLike, a: npt.ArrayLike, direction: Sequence[float]
+    ) -> FloatArray:
         """Torques (7, N·m) of a commanded motion: inverse dynamics and friction."""
         torque = self.inverse_dynamics(q, v, a)
-        torque += self._friction(np.asarray(v, np.float64))
+        torque += self._friction(np.asarray(v, np.float64), direction)
         return torque
 
-    def _friction(self, v: FloatArray) -> FloatArray:
-        turnover = self._inverse_turnover_s
+    def _friction(self, v: FloatArray, direction: Sequence[float]) -> FloatArray:
         return np.array(
             [
-                viscous * speed + coulomb * tanh(speed * turnover)
-                for speed, viscous, coulomb in zip(v.tolist(), self._viscous, self._coulomb, strict=True)
+                viscous * speed + coulomb * sign
+                for speed, sign, viscous, coulomb in zip(
+                    v.tolist(), direction, self._viscous, self._coulomb, strict=True
+                )
             ]
         )
 

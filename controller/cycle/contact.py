@@ -17,13 +17,15 @@ from enum import IntEnum
 class ContactSettings:
     """Thresholds of the contact search."""
 
-    rise_N: float = 2.5  # above the free line before a finger counts as touching; several current counts of 0.46 N
+    smoothing_m: float = 6e-5  # of winding, some four motor ticks
+    rise_N: float = 2.0  # above the free line before a finger counts as touching
     early_rise_N: float = 20.0  # the same while closing fast, where acceleration shakes the load
+    break_away_m: float = 1e-3  # of winding from the start, in which stiction is overcome
     settle_m: float = 0.4e-3  # of slow winding before the free line is fitted: slowing down shakes the load too
     samples: int = 4  # above it in a row
     gate_m: float = 1.5e-3  # contact further than this from the table's is not this grasp
     table_deviation_m: float = 5e-5  # standard deviation of the table's own contact excursion (spool zero, object size)
-    load_deviation_m: float = 1.5e-4  # of the one found: one motor tick is 2.8 N of load, a dragging support 2 N more
+    load_deviation_m: float = 1.5e-4  # of the one found: a support that drags on the object adds some 2 N of load
     clear_m: float = 0.4e-3  # samples nearer to the table's contact than this are not fitted as free closing
 
 
@@ -55,6 +57,9 @@ class FingerContact:
         self._offset_N = 0.0
         self._above = 0
         self._start_m: float | None = None
+        self._first_m = 0.0
+        self._last_m = 0.0
+        self._smoothed: tuple[float, float] | None = None
         self._meeting_sum_m = 0.0
         self._meetings = 0
         self.touch = Touch.FREE
@@ -88,8 +93,11 @@ class FingerContact:
         if slow and self._start_m is None:
             self._start_m = excursion_m
         settling = self._start_m is None or excursion_m - self._start_m < settings.settle_m
+        excursion_m, residual_N = self._smooth(excursion_m, residual_N)
         rise_N = residual_N - self._offset_N
-        self._above = self._above + 1 if rise_N >= (settings.early_rise_N if settling else settings.rise_N) else 0
+        threshold_N = settings.early_rise_N if settling else settings.rise_N
+        breaking_away = excursion_m - self._first_m < settings.break_away_m
+        self._above = self._above + 1 if rise_N >= threshold_N and not breaking_away else 0
         if self._above >= settings.samples:
             self._point_back(excursion_m, rise_N)
         elif not settling and self._above == 0 and to_contact_m < -settings.clear_m:
@@ -97,6 +105,19 @@ class FingerContact:
         if self.touch is Touch.FREE and to_contact_m > settings.gate_m:
             self.touch = Touch.MISSED
         return self.touch
+
+    def _smooth(self, excursion_m: float, residual_N: float) -> tuple[float, float]:
+        """Means over the last stretch of winding: one motor tick is 2.8 N of load, so a single sample says little. Both
+        are smoothed alike, so a point on a line stays on it."""
+        if self._smoothed is None:
+            self._smoothed = (excursion_m, residual_N)
+            self._first_m = self._last_m = excursion_m
+        last_m, last_N = self._smoothed
+        travel_m = max(excursion_m - self._last_m, 0.0)
+        weight = travel_m / (travel_m + self._settings.smoothing_m)
+        self._last_m = max(excursion_m, self._last_m)
+        self._smoothed = (last_m + weight * (excursion_m - last_m), last_N + weight * (residual_N - last_N))
+        return self._smoothed
 
     def _fit(self, residual_N: float) -> None:
         """The free line's offset: a mean that forgets the start of winding (stiction, slack) over some 30 samples."""

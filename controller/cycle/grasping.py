@@ -1,7 +1,8 @@
 """The grasp in the cycle: it winds the tendons, finds contact, and says where the object is going in the hand.
 
-The winding coordinate w is the mean excursion since the contact that the motion table expects, negative before it. Before
-contact each finger goes its own share of its own way, so that both arrive together; from contact on both wind at equal rate.
+The winding coordinate w is the mean excursion since the contact that the motion table expects, negative before it. Both
+fingers come into the contact zone together, each by its own share of its own way; in it and from contact on both wind at
+equal rate.
 When either motor reaches its load cap, or the table its end, both stop and hold their excursions.
 """
 
@@ -14,7 +15,7 @@ from controller.cycle.compensation import STILL, PlanarMotion, hand_offset
 from controller.cycle.contact import ContactSettings, FingerContact, FingerExpectation, Touch
 from controller.cycle.grasp_state import COMPENSATED, GRIPPING, GraspEvent, GraspPhase, HandStatus, next_phase
 from controller.cycle.motion_index import IndexReading, IndexSettings, MotionIndex
-from controller.cycle.planar_table import PlanarTable
+from controller.cycle.planar_table import PlanarTable, finger_excursion_m
 from controller.cycle.winding import WindingLimits, WindingProfile
 from controller.messages import CompensationIndex, EventKind, HandMode, HandSetPoint, HandState, Pair, Reason
 
@@ -35,10 +36,10 @@ class GraspSettings:
     """Rates of winding and thresholds of contact."""
 
     closing_rate_m_s: float = 0.012
-    contact_rate_m_s: float = 0.0025  # near the expected contact: slow enough to find it within a few samples
-    contact_zone_m: float = 2.0e-3
+    contact_rate_m_s: float = 0.001  # near the expected contact: found within few samples, and the arm starts gently
+    contact_zone_m: float = 1.2e-3
     winding_rate_m_s: float = 0.5e-3  # below it the motor may as well stand, and its load says nothing
-    search_end_m: float = 1.0e-3  # contact is given up this far past the expected one
+    search_end_m: float = 0.8e-3  # contact is given up this far past the expected one
     release_rate_m_s: float = 0.010
     load_cap_N: float = 110.0
     free_load_cap_N: float = 60.0  # while closing nothing should resist; also the cap of an open hand
@@ -225,17 +226,18 @@ class Grasping:
     def _drive(self, table: PlanarTable) -> HandSetPoint:
         """Excursion set-points, spool-side, of the winding coordinate."""
         w, rate_m_s, _ = self.winding
-        contact = table.contact_excursion_m
-        share = 1.0 + min(w, 0.0) / table.mean_contact_m
         beyond = max(w, 0.0)
         tension = table.at_excursion(beyond, 0.0).tension_N
+        share = 1.0 + min(w, 0.0) / table.mean_contact_m  # of the contact load, while the springs alone resist
         drive, stretch = self._settings.drive, table.compliance_m_per_N
         self._friction_sign = _towards(
             self._friction_sign, _sign(rate_m_s), self._period_s / drive.reversal_time_s
         )
         ahead_m = drive.lag_s * rate_m_s + drive.compliance_m_per_N * drive.friction_N * self._friction_sign
         right, left = (
-            (contact[i] + tension[i] * (stretch[i] + drive.compliance_m_per_N)) * share + beyond + ahead_m
+            finger_excursion_m(table, i, w, self._settings.contact_zone_m)
+            + tension[i] * (stretch[i] + drive.compliance_m_per_N) * share
+            + ahead_m
             for i in (0, 1)
         )
         mode = HandMode.FREEZE if self.phase is GraspPhase.FAULT else HandMode.TRACK

@@ -23,13 +23,14 @@ import numpy as np
 import numpy.typing as npt
 
 from controller.cycle.arm_model import JOINTS, ArmModel, FloatArray, checked_joints
+from controller.cycle.joint_friction import FrictionDirection
 from drivers.errors import InputError
 from drivers.wam.parameters import WamParameters, load_wam_parameters
 
 VELOCITY_FILTER_RAD_S = 180.0
 RESTING_RAD_S = 1e-4  # a commanded joint that is slower rests
 SETTLING_S = 0.3  # the integral's time to bring a resting joint into its band; later it stirs only for a larger error
-SETTLED_BANDS = 5.0
+SETTLED_BANDS = 3.0
 TWO_ENCODER_COUNTS_RAD = (1e-4, 1.2e-4, 2e-4, 2e-4, 3.2e-4, 3.2e-4, 2.1e-4)
 
 
@@ -162,6 +163,7 @@ class JointControl:
             )
         ]
         self._scaled_by_inertia = gains.scaled_by_inertia
+        self._friction = FrictionDirection(model.friction_turnover_rad)
         self._sample_ns: int | None = None
 
     def reset(self, q_measured: npt.ArrayLike, sample_ns: int) -> None:
@@ -169,6 +171,7 @@ class JointControl:
         q = checked_joints(q_measured, "measured joint angles")
         for joint, position, gravity in zip(self._joints, q.tolist(), self.model.gravity(q).tolist(), strict=True):
             joint.reset(position, gravity)
+        self._friction.reset()
         self._sample_ns = sample_ns
         self.saturated = False
         self.feedback_Nm = np.zeros(JOINTS)
@@ -197,11 +200,13 @@ class JointControl:
         if self._sample_ns is None:
             raise InputError("joint control has no starting point; expected reset(q, sample_ns) on activation first.")
         q = checked_joints(q_measured, "measured joint angles")
-        feed_forward = self.model.feed_forward(q_commanded, v_commanded, a_commanded)
         elapsed_s = (sample_ns - self._sample_ns) * 1e-9
+        speeds = np.asarray(v_commanded, dtype=np.float64)
+        direction = self._friction.step(speeds.tolist(), max(elapsed_s, 0.0))
+        feed_forward = self.model.feed_forward(q_commanded, speeds, a_commanded, direction)
         if elapsed_s > 0.0:
             self._sample_ns = sample_ns
-            self._step(q, np.subtract(q_commanded, q), np.asarray(v_commanded), feed_forward, elapsed_s)
+            self._step(q, np.subtract(q_commanded, q), speeds, feed_forward, elapsed_s)
         torque = np.array([joint.torque for joint in self._joints])
         self.feedback_Nm = torque - feed_forward
         return torque

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from calibration.motion_table import Status
 from controller.cycle.compensation import PlanarMotion, Vector3
-from controller.cycle.planar_table import PlanarSample, PlanarTable
+from controller.cycle.planar_table import PlanarSample, PlanarTable, finger_excursion_m
 from controller.cycle.winding import IndexObserver, ObserverSettings, WindingState
 from controller.messages import CompensationIndex, HandState, Pair
 
@@ -27,6 +27,7 @@ class IndexSettings:
     excursion: ObserverSettings = ObserverSettings(lag_s=0.02, bandwidth_rad_s=25.0)
     load: ObserverSettings = ObserverSettings(lag_s=0.02, bandwidth_rad_s=8.0)
     winding_rate_m_s: float = 5e-4
+    contact_zone_m: float = 1.2e-3  # as the grasp's own
     excursion_deviation_m: float = 5e-5
     load_deviation_N: float = 3.0
 
@@ -166,15 +167,14 @@ class MotionIndex:
         return 0.5 * (right + left), right - left
 
     def _planned_difference(self, profile: WindingState) -> WindingState:
-        """Before contact each finger goes its own way to its own contact; from there on the difference stands."""
-        contact = self._table.contact_excursion_m
-        slope = (contact[0] - contact[1]) / self._table.mean_contact_m
-        shift_m = self._contact_shift_m[1] - self._contact_shift_m[0]
-        if profile.position_m >= 0.0:
-            return WindingState(shift_m, 0.0, 0.0)
-        return WindingState(
-            slope * profile.position_m + shift_m, slope * profile.rate_m_s, slope * profile.acceleration_m_s2
-        )
+        """Difference of the two fingers' set-points since contact: none in the contact zone and beyond."""
+        zone_m = self._settings.contact_zone_m
+        w = profile.position_m
+        right, left = (finger_excursion_m(self._table, finger, w, zone_m) for finger in (0, 1))
+        contact, shift = self._table.contact_excursion_m, self._contact_shift_m
+        position_m = (right - contact[0] - shift[0]) - (left - contact[1] - shift[1])
+        slope = 0.0 if w >= -zone_m else (contact[0] - contact[1]) / (self._table.mean_contact_m - zone_m)
+        return WindingState(position_m, slope * profile.rate_m_s, slope * profile.acceleration_m_s2)
 
     def _observed_load(
         self, command: WindingState, difference_m: float, table_load_N: float, *, winding: bool

@@ -84,3 +84,16 @@ def _compliance(finger: dict[str, object]) -> float:
     """Stretch of the tendon between spool and finger, m/N; the header writes an infinite stiffness as text."""
     stiffness = float(str(finger["tendon_stiffness_N_per_m"]))
     return 1.0 / stiffness
+
+
+def finger_excursion_m(table: PlanarTable, finger: int, winding_m: float, contact_zone_m: float) -> float:
+    """Finger-side excursion of one finger (0 right, 1 left) at a winding coordinate, m.
+
+    From `contact_zone_m` before contact on both fingers wind at equal rate; before that each covers its own way from the
+    open hand, so that both enter the zone together.
+    """
+    contact_m = table.contact_excursion_m[finger]
+    if winding_m >= -contact_zone_m:
+        return contact_m + winding_m
+    share = (winding_m + table.mean_contact_m) / (table.mean_contact_m - contact_zone_m)
+    return (contact_m - contact_zone_m) * share

@@ -246,22 +246,23 @@ def test_update_serves_pose_and_jacobian_that_stay() -> None:
     np.testing.assert_array_equal(jacobian, ArmModel().jacobian(q))
 
 
-def test_friction_is_odd_smooth_and_zero_at_rest() -> None:
+def test_friction_is_odd_and_zero_without_speed_or_direction() -> None:
     """Protects an arm at rest from friction torque, and a moving one from the wrong sign of it."""
     model = ArmModel(friction=ArmFriction((0.9,) * 7, (1.5, 1.5, 0.8, 0.8, 0.2, 0.1, 0.05)))
-    v = np.full(7, 0.5)
-    np.testing.assert_array_equal(model.friction(np.zeros(7)), np.zeros(7))
-    np.testing.assert_allclose(model.friction(v), [1.95, 1.95, 1.25, 1.25, 0.65, 0.55, 0.5], rtol=1e-12)
-    np.testing.assert_array_equal(model.friction(-v), -model.friction(v))
+    v, forward, backward = np.full(7, 0.5), [1.0] * 7, [-1.0] * 7
+    np.testing.assert_array_equal(model.friction(np.zeros(7), [0.0] * 7), np.zeros(7))
+    np.testing.assert_allclose(model.friction(v, forward), [1.95, 1.95, 1.25, 1.25, 0.65, 0.55, 0.5], rtol=1e-12)
+    np.testing.assert_array_equal(model.friction(-v, backward), -model.friction(v, forward))
     q, a = np.ones(7), np.full(7, 0.3)
-    np.testing.assert_allclose(model.feed_forward(q, v, a), model.inverse_dynamics(q, v, a) + model.friction(v))
+    expected = model.inverse_dynamics(q, v, a) + model.friction(v, forward)
+    np.testing.assert_allclose(model.feed_forward(q, v, a, forward), expected)
 
 
 @pytest.mark.parametrize("q", [np.full(7, np.nan), np.array([0, 0, 0, np.inf, 0, 0, 0]), np.zeros(6), np.zeros((7, 1))])
 def test_bad_joint_vectors_are_refused(q: Array) -> None:
     """Protects the solver behind from NaN, which it would pass through in silence."""
     model, good = ArmModel(), np.zeros(7)
-    for call in (model.wrist_pose, model.gravity, model.jacobian, model.mass_matrix, model.friction, model.update):
+    for call in (model.wrist_pose, model.gravity, model.jacobian, model.mass_matrix, model.update):
         with pytest.raises(InputError, match="expected 7 finite"):
             call(q)
     with pytest.raises(InputError, match="accelerations"):
