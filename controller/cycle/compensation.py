@@ -61,7 +61,12 @@ class OffsetLimits:
 
 
 class OffsetSmoother:
-    """Follows the wanted hand offset within velocity, acceleration and jerk limits (Ruckig, three numbers)."""
+    """Follows the wanted hand offset within velocity, acceleration and jerk limits (Ruckig, three numbers).
+
+    Ruckig plans to *reach* a state; a target that moves on would make it slow down first, to pass through the state just
+    behind it, and fall back by tenths of a millimetre. So it plans the *deviation* from the target to rest at zero, in axes
+    that move with the target, with what the target's own motion leaves of the limits.
+    """
 
     def __init__(self, period_s: float, limits: OffsetLimits) -> None:
         self._period_s = period_s
@@ -69,42 +74,36 @@ class OffsetSmoother:
         self._generator = ruckig.Ruckig(3, period_s)
         self._input = ruckig.InputParameter(3)
         self._output = ruckig.OutputParameter(3)
-        self._input.max_velocity = list(limits.velocity)
-        self._input.max_acceleration = list(limits.acceleration)
         self._input.max_jerk = list(limits.jerk)
+        self._input.target_position = [0.0, 0.0, 0.0]
+        self._input.target_velocity = [0.0, 0.0, 0.0]
+        self._input.target_acceleration = [0.0, 0.0, 0.0]
         self._input.synchronization = ruckig.Synchronization.No
         self.motion = STILL
-        self.failures = 0
-        self.reset()
 
     def reset(self) -> None:
         """No offset, and none under way."""
         self.motion = STILL
-        self._input.current_position = [0.0, 0.0, 0.0]
-        self._input.current_velocity = [0.0, 0.0, 0.0]
-        self._input.current_acceleration = [0.0, 0.0, 0.0]
 
     def step(self, target: PlanarMotion) -> PlanarMotion:
-        """One period towards `target` (wanted at the end of this period)."""
-        limits = self._limits
-        self._input.target_position = list(target.pose)
-        self._input.target_velocity = [_within(v, 0.9 * m) for v, m in zip(target.rate, limits.velocity, strict=True)]
-        self._input.target_acceleration = [
-            _within(a, 0.9 * m) for a, m in zip(target.acceleration, limits.acceleration, strict=True)
+        """One period towards `target`, the offset wanted at the end of this period."""
+        dt, request, limits = self._period_s, self._input, self._limits
+        pose, rate, acceleration = self.motion
+        request.current_position = [
+            o - (p - v * dt + 0.5 * a * dt * dt)
+            for o, p, v, a in zip(pose, target.pose, target.rate, target.acceleration, strict=True)
         ]
-        try:
-            self._generator.update(self._input, self._output)
-        except ruckig.RuckigError:
-            # An unreachable mix of target velocity and acceleration: aim at standing there instead.
-            self.failures += 1
-            self._input.target_velocity = [0.0, 0.0, 0.0]
-            self._input.target_acceleration = [0.0, 0.0, 0.0]
-            self._generator.update(self._input, self._output)
-        self._output.pass_to_input(self._input)
+        request.current_velocity = [
+            o - (v - a * dt) for o, v, a in zip(rate, target.rate, target.acceleration, strict=True)
+        ]
+        request.current_acceleration = [o - a for o, a in zip(acceleration, target.acceleration, strict=True)]
+        request.max_velocity = [_left(m, v) for m, v in zip(limits.velocity, target.rate, strict=True)]
+        request.max_acceleration = [_left(m, a) for m, a in zip(limits.acceleration, target.acceleration, strict=True)]
+        self._generator.update(request, self._output)
         self.motion = PlanarMotion(
-            tuple(self._output.new_position),
-            tuple(self._output.new_velocity),
-            tuple(self._output.new_acceleration),
+            _sum(target.pose, self._output.new_position),
+            _sum(target.rate, self._output.new_velocity),
+            _sum(target.acceleration, self._output.new_acceleration),
         )
         return self.motion
 
@@ -145,5 +144,10 @@ class WristOffset:
         return linear, angular
 
 
-def _within(value: float, limit: float) -> float:
-    return min(max(value, -limit), limit)
+def _left(limit: float, used: float) -> float:
+    """What the target's motion leaves of a limit; never less than a fifth, so that a deviation always ends."""
+    return max(limit - abs(used), 0.2 * limit)
+
+
+def _sum(first: Vector3, second: list[float]) -> Vector3:
+    return (first[0] + second[0], first[1] + second[1], first[2] + second[2])
