@@ -38,7 +38,7 @@ class GraspSettings:
     closing_rate_m_s: float = 0.012
     contact_rate_m_s: float = 0.001  # near the expected contact: found within few samples, and the arm starts gently
     contact_zone_m: float = 1.2e-3
-    winding_rate_m_s: float = 0.5e-3  # below it the motor may as well stand, and its load says nothing
+    winding_rate_m_s: float = 6.5e-4  # below it the motor may as well stand, and its load says nothing
     search_end_m: float = 0.8e-3  # contact is given up this far past the expected one
     release_rate_m_s: float = 0.010
     load_cap_N: float = 110.0

@@ -26,7 +26,7 @@ class IndexSettings:
 
     excursion: ObserverSettings = ObserverSettings(lag_s=0.02, bandwidth_rad_s=25.0)
     load: ObserverSettings = ObserverSettings(lag_s=0.02, bandwidth_rad_s=8.0)
-    winding_rate_m_s: float = 5e-4
+    winding_rate_m_s: float = 6.5e-4  # just above what the load law calls holding
     contact_zone_m: float = 1.2e-3  # as the grasp's own
     excursion_deviation_m: float = 5e-5
     load_deviation_N: float = 3.0

@@ -177,7 +177,7 @@ class IndexObserver:
         """Take in a new sample, measured at `sample_ns`; a sample seen before changes nothing."""
         if self._last_sample_ns is not None and sample_ns <= self._last_sample_ns:
             return
-        interval_s = 0.0 if self._last_sample_ns is None else min((sample_ns - self._last_sample_ns) * 1e-9, 0.02)
+        interval_s = 0.0 if self._last_sample_ns is None else min((sample_ns - self._last_sample_ns) * 1e-9, 0.01)
         self._last_sample_ns = sample_ns
         index = self.state
         expected_m = index.position_m - index.rate_m_s * (now_ns - sample_ns) * 1e-9

@@ -6,6 +6,7 @@ second CAN socket asks the safety puck for idle, and the front says what it did.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from controller.reasons import EXPLANATIONS, as_error
 from controller.service import commands as asked
 from controller.service.answers import encode_error, encode_event, encode_reply, error_told
 from controller.service.command_socket import Address, CommandPort
-from controller.service.links import LatestReader, OrderedReader, OrderedSender
+from controller.service.links import LatestReader, LinkError, OrderedReader, OrderedSender
 from controller.service.requests import Plan, Planner
 from controller.service.state import state_map
 from controller.service.table_shelf import TableShelf
@@ -28,6 +29,9 @@ from drivers.errors import CommandError, StillgraspError
 
 REQUESTS_A_STEP = 16
 HEARTBEAT_S = 0.02
+STATE_RATE_HZ = 100.0
+_ATTENTION_NS = nanoseconds(0.01)
+"""A step that comes later than this after the one before has not been listening in between."""
 
 
 class RecordSink(Protocol):
@@ -74,25 +78,45 @@ class Outlets:
 class Front:
     """Serves clients and watches the cycle."""
 
-    def __init__(self, clock: Clock, links: FrontLinks, outlets: Outlets, planner: Planner, shelf: TableShelf) -> None:
+    def __init__(
+        self,
+        clock: Clock,
+        links: FrontLinks,
+        outlets: Outlets,
+        planner: Planner,
+        shelf: TableShelf,
+        *,
+        heartbeat_s: float = HEARTBEAT_S,
+        state_rate_hz: float = STATE_RATE_HZ,
+    ) -> None:
         self._clock, self._links, self._out = clock, links, outlets
         self._planner, self._shelf = planner, shelf
         self._running: dict[int, _Running] = {}
         self._clients: set[Address] = set()
         self._next_token = 1
         self._record: dict[str, Any] | None = None
-        self._record_ns = 0
+        self._last_step_ns = 0
+        self._silence_ns = 0
+        self._heartbeat_ns = nanoseconds(heartbeat_s)
         self._next_state_ns = 0
-        self._state_period_ns = NANOSECONDS // 100
+        self._state_period_ns = round(NANOSECONDS / state_rate_hz)
         self.cycle_lost = ""
+        self.hand_lost = ""
+        """Why there is no hand process any more, where that is so; set by who supervises it, shown in `status`."""
         self.stopped = False
+        self.stop_reason = Reason.NONE
+        """With `stopped`: NONE if the arm is idle, else why that is not known."""
+        self.busy = False
+        """More requests may wait than one step takes; the next step should not wait."""
 
     def step(self) -> None:
         """Serve what has come."""
         now_ns = self._clock.now_ns()
+        self.busy = True
         for _ in range(REQUESTS_A_STEP):
             received = self._out.socket.receive()
             if received is None:
+                self.busy = False
                 break
             self._serve(*received, now_ns)
         while (message := self._links.events.receive()) is not None:
@@ -100,8 +124,17 @@ class Front:
         self._take_records(now_ns)
         self._watch(now_ns)
 
+    @property
+    def record(self) -> dict[str, Any] | None:
+        """The newest cycle record; None before the first."""
+        return self._record
+
+    def tell(self, event: str, code: str, message: str, help: str = "") -> None:
+        """Tell all clients and the operator of something that no request caused."""
+        self._broadcast(event, {"code": code, "message": message, "help": help}, self._clock.now_ns())
+
     def shut_down(self) -> None:
-        """Ask the cycle to stop along its path, hold and go idle."""
+        """Ask the cycle to stop along its path, hold and go idle. Raises LinkError if it cannot be asked."""
         self._send_to_cycle(self._start((), 0, asked.Shutdown(), self._planner.plan(asked.Shutdown())))
 
     def _serve(self, identity: Address, data: bytes, now_ns: int) -> None:
@@ -109,12 +142,12 @@ class Front:
         try:
             request = asked.decode_request(data)
         except asked.RequestError as error:
-            self._out.socket.send(identity, encode_error(error.seq, error))
+            self._send(identity, encode_error(error.seq, error))
             return
         try:
             result = self._answer_at_once(request.command)
             if result is not None:
-                self._out.socket.send(identity, encode_reply(request.seq, result))
+                self._send(identity, encode_reply(request.seq, result))
                 return
             if self.cycle_lost:
                 raise CommandError("cycle_lost", self.cycle_lost, help="Restart the daemon.")
@@ -123,7 +156,11 @@ class Front:
                 running.deadline_ns = now_ns + nanoseconds(request.deadline_s)
             self._send_to_cycle(running)
         except StillgraspError as error:
-            self._out.socket.send(identity, encode_error(request.seq, error))
+            self._send(identity, encode_error(request.seq, error))
+
+    def _send(self, identity: Address, data: bytes) -> None:
+        if not self._out.socket.send(identity, data):
+            self._clients.discard(identity)
 
     def _answer_at_once(self, command: asked.Command) -> dict[str, Any] | None:
         """What the front knows by itself; None for commands that are the cycle's."""
@@ -137,7 +174,9 @@ class Front:
             }
         if isinstance(command, asked.Status):
             state = {} if self._record is None else state_map(self._record)
-            return {"state": state, "table": self._planner.table_name, "cycle_lost": self.cycle_lost}
+            return {"state": state, "table": self._planner.table_name, "cycle_lost": self.cycle_lost} | (
+                {"hand_lost": self.hand_lost} if self.hand_lost else {}
+            )
         if isinstance(command, asked.TableList):
             return {"tables": self._shelf.listing()}
         return None
@@ -163,7 +202,7 @@ class Front:
 
     def _on_event(self, event: CycleEvent, now_ns: int) -> None:
         if event.kind is EventKind.STOPPED:
-            self.stopped = True
+            self.stopped, self.stop_reason = True, event.reason
         if event.kind in (EventKind.FAULT, EventKind.STOPPED):
             explanation = EXPLANATIONS[event.reason]
             told = {"code": explanation.code, "message": explanation.message, "help": explanation.help}
@@ -207,20 +246,20 @@ class Front:
         if running.replied:
             self._event(running, "failed", {"command": running.command.name, "error": error_told(error)}, now_ns)
         elif running.identity:
-            self._out.socket.send(running.identity, encode_error(running.seq, error))
+            self._send(running.identity, encode_error(running.seq, error))
 
     def _reply(self, running: _Running, result: dict[str, Any]) -> None:
         if running.identity:
-            self._out.socket.send(running.identity, encode_reply(running.seq, result))
+            self._send(running.identity, encode_reply(running.seq, result))
 
     def _event(self, running: _Running, name: str, fields: dict[str, Any], now_ns: int) -> None:
         if running.identity:
-            self._out.socket.send(running.identity, encode_event(name, running.seq, **fields))
+            self._send(running.identity, encode_event(name, running.seq, **fields))
         self._keep_event({"event": name, "seq": running.seq, "command": running.command.name}, now_ns)
 
     def _broadcast(self, name: str, fields: dict[str, Any], now_ns: int) -> None:
-        for identity in self._clients:
-            self._out.socket.send(identity, encode_event(name, None, **fields))
+        for identity in tuple(self._clients):
+            self._send(identity, encode_event(name, None, **fields))
         self._keep_event({"event": name, "seq": -1, "command": ""}, now_ns)
         self._out.say(f"{name}: {fields.get('message', '')} {fields.get('help', '')}".strip())
 
@@ -230,7 +269,7 @@ class Front:
 
     def _take_records(self, now_ns: int) -> None:
         for payload, sample_ns in self._links.records.new_values():
-            self._record, self._record_ns = CYCLE_RECORD.read(payload), sample_ns
+            self._record, self._silence_ns = CYCLE_RECORD.read(payload), 0
             if self._out.recorder is not None:
                 self._out.recorder.record_cycle(self._record, sample_ns)
         if self._out.publisher is not None and self._record is not None and now_ns >= self._next_state_ns:
@@ -243,11 +282,15 @@ class Front:
             if running.deadline_ns is not None and now_ns > running.deadline_ns:
                 del self._running[token]
                 self._fail(running, CommandError("deadline", "The command took longer than its deadline_s."), now_ns)
-                self._send_to_cycle(self._start((), 0, asked.Stop(), self._planner.plan(asked.Stop())))
+                with contextlib.suppress(LinkError):  # a cycle that cannot be asked to stop is found lost below
+                    self._send_to_cycle(self._start((), 0, asked.Stop(), self._planner.plan(asked.Stop())))
+        # Silence counts only while the front was listening: its own pauses (a table to read) are not the cycle's.
+        self._silence_ns += min(now_ns - self._last_step_ns, _ATTENTION_NS)
+        self._last_step_ns = now_ns
         if self.stopped or self.cycle_lost or self._record is None:
             return
         dead = self._links.events.closed
-        if dead or now_ns - self._record_ns > nanoseconds(HEARTBEAT_S):
+        if dead or self._silence_ns > self._heartbeat_ns:
             self._idle_the_arm("The cycle process has died." if dead else "The cycle sends no heartbeat.", now_ns)
 
     def _idle_the_arm(self, why: str, now_ns: int) -> None:

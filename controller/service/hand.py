@@ -71,6 +71,11 @@ class HandPart:
         if self._last is not None:
             self._publish(self._last, fault)
 
+    def stop(self) -> None:
+        """The end: both motors hold their excursions by themselves. Raises DeviceError."""
+        self._tendons.freeze()
+        self._tendons.stop()
+
     def _aim(self, now_ns: int) -> TendonSetPoint | None:
         """What to ask of the motors; None leaves their goals as they are."""
         newest = self._set_points.newest()
