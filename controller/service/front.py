@@ -92,7 +92,7 @@ class Front:
         self._clock, self._links, self._out = clock, links, outlets
         self._planner, self._shelf = planner, shelf
         self._running: dict[int, _Running] = {}
-        self._clients: set[Address] = set()
+        self._clients: dict[Address, None] = {}  # in order of their coming: events go out in the same order every time
         self._next_token = 1
         self._record: dict[str, Any] | None = None
         self._last_step_ns = 0
@@ -138,7 +138,7 @@ class Front:
         self._send_to_cycle(self._start((), 0, asked.Shutdown(), self._planner.plan(asked.Shutdown())))
 
     def _serve(self, identity: Address, data: bytes, now_ns: int) -> None:
-        self._clients.add(identity)
+        self._clients[identity] = None
         try:
             request = asked.decode_request(data)
         except asked.RequestError as error:
@@ -160,7 +160,7 @@ class Front:
 
     def _send(self, identity: Address, data: bytes) -> None:
         if not self._out.socket.send(identity, data):
-            self._clients.discard(identity)
+            self._clients.pop(identity, None)
 
     def _answer_at_once(self, command: asked.Command) -> dict[str, Any] | None:
         """What the front knows by itself; None for commands that are the cycle's."""
@@ -174,9 +174,8 @@ class Front:
             }
         if isinstance(command, asked.Status):
             state = {} if self._record is None else state_map(self._record)
-            return {"state": state, "table": self._planner.table_name, "cycle_lost": self.cycle_lost} | (
-                {"hand_lost": self.hand_lost} if self.hand_lost else {}
-            )
+            lost = {"cycle_lost": self.cycle_lost, "hand_lost": self.hand_lost}
+            return {"state": state, "table": self._planner.table_name, **lost}
         if isinstance(command, asked.TableList):
             return {"tables": self._shelf.listing()}
         return None
@@ -206,6 +205,8 @@ class Front:
         if event.kind in (EventKind.FAULT, EventKind.STOPPED):
             explanation = EXPLANATIONS[event.reason]
             told = {"code": explanation.code, "message": explanation.message, "help": explanation.help}
+            if event.kind is EventKind.STOPPED and event.reason is Reason.NONE:
+                told["message"] = "The cycle has ended and the arm is idle."
             self._broadcast(event.kind.name.lower(), told, now_ns)
             return
         running = self._running.get(event.token)

@@ -1,7 +1,8 @@
 """The hand process: owns the serial bus of the tendon motors and goes as fast as it is told to poll.
 
-It follows the cycle's set-points. Without a fresh one it freezes: both excursions stay where they are, under the holding
-cap. It adopts motors that already hold when it starts, and never opens the hand on its own, neither in a fault nor on exit.
+It follows the cycle's set-points. Without a fresh one it freezes: both excursions stay where they are, under the
+holding cap. It adopts motors that already hold when it starts, and never opens the hand on its own, neither in a fault
+nor on exit.
 """
 
 from __future__ import annotations

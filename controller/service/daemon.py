@@ -1,0 +1,321 @@
+"""The front's process: `stillgrasp run`. It starts the other processes, serves clients, watches, and ends all in order.
+
+    starting   world (in simulation) → GO to hand and cycle → first cycle record
+    running    until `shutdown`, SIGINT, SIGTERM, SIGHUP, or the loss of a process
+    stopping   the cycle comes to rest along its path, holds, is idle and says STOPPED; then hand, world, sockets
+
+Exit code 0 after an orderly stop, by whomever; 1 if a process was lost or could not start. One loop waits for clients,
+events, children, signals and the pendant's keyboard; it wakes every 5 ms at the latest. Design 2, 5.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+from controller.config import RobotConfig
+from controller.cycle.grasp_state import ArmState
+from controller.messages import Reason
+from controller.service.assembly import configured_hand
+from controller.service.assignment import SceneChoice
+from controller.service.command_socket import CommandSocket
+from controller.service.front import HEARTBEAT_S, Front, FrontLinks, Outlets
+from controller.service.lifeline import Word
+from controller.service.links import (
+    LatestReader,
+    LinkError,
+    OrderedReader,
+    OrderedSender,
+    SocketLink,
+    socket_links,
+)
+from controller.service.notify import notify
+from controller.service.recorder import Recorder
+from controller.service.requests import Planner
+from controller.service.stop_requests import StopRequests
+from controller.service.supervision import Child, end_children
+from controller.service.table_shelf import TableShelf
+from controller.service.telemetry import StatePublisher
+from drivers.clock import Clock, MonotonicClock, nanoseconds
+from drivers.errors import StillgraspError
+from drivers.wam.bus import SAFETY_FILTERS, PythonCanBus, open_can
+from drivers.wam.safety_puck import Guard, SafetyPuck
+
+LONGEST_WAIT_S = 0.005
+SIMULATED_HEARTBEAT_S = 0.3
+"""A simulated cycle on a shared machine may be kept waiting for longer than a real one's 20 ms."""
+LONGEST_START_S = 20.0
+LONGEST_STOP_S = 4.0
+LONGEST_END_S = 1.0
+TOLD_FOR_S = 3.0
+"""How long `status` still answers once the cycle is lost."""
+_WATCHDOG_S = 0.1
+
+
+class ButtonSource(Protocol):
+    """Where the simulated pendant's buttons come from."""
+
+    open: bool
+
+    def fileno(self) -> int: ...
+
+    def read(self) -> list[str]: ...
+
+
+@dataclass(frozen=True)
+class RunChoices:
+    """What the command line decides beside the configuration. `directory_descriptor` is inherited by the world."""
+
+    simulated: bool = False
+    scene: SceneChoice = field(default_factory=SceneChoice)
+    activate: bool = False
+    """Press the simulated pendant's Activate once the arm is idle under control."""
+    directory_descriptor: int | None = None
+
+
+class DaemonFailed(StillgraspError):  # noqa: N818 - reads as what happened
+    """The daemon cannot start, or lost a process without which it cannot go on."""
+
+
+class Daemon:
+    """One run of the robot. `say` is for the operator, `announce` gets one map when all runs."""
+
+    def __init__(
+        self,
+        config: RobotConfig,
+        choices: RunChoices,
+        *,
+        say: Callable[[str], None],
+        announce: Callable[[Mapping[str, Any]], None] = lambda _: None,
+        recorder: Recorder | None = None,
+        buttons: ButtonSource | None = None,
+    ) -> None:
+        self._config = config
+        self._choices = choices
+        self._say = say
+        self._announce = announce
+        self._recorder = recorder
+        self._buttons = buttons
+        self._clock: Clock = MonotonicClock()
+        self._children: dict[str, Child] = {}
+        self._guard_bus: PythonCanBus | None = None
+        self._guard: Guard | None = None
+        self._links: tuple[SocketLink, ...] = ()
+        self._begun = False
+        self._phase: Literal["starting", "running", "stopping"] = "starting"
+        self._phase_end_ns = self._clock.now_ns() + nanoseconds(LONGEST_START_S)
+        self._arm_state: ArmState | None = None
+        self._last_cycle = -1.0
+        self._watchdog_ns = 0
+        self._lost_ns = 0
+        self._recording_failed = False
+
+    def run(self) -> int:
+        """Run until the end; the exit code. Raises StillgraspError if it cannot start."""
+        config = self._config
+        with StopRequests() as stop, contextlib.closing(CommandSocket(config.front.command_endpoint)) as socket:
+            publisher = StatePublisher(config.front.state_endpoint)
+            try:
+                shelf = TableShelf(Path(config.tables.directory), configured_hand(config))
+                links = self._start_children()
+                self._front = Front(
+                    self._clock,
+                    links,
+                    Outlets(socket, publisher, self._recorder, self._idle_arm, self._say),
+                    Planner(config, shelf),
+                    shelf,
+                    heartbeat_s=SIMULATED_HEARTBEAT_S if self._choices.simulated else HEARTBEAT_S,
+                    state_rate_hz=config.front.state_rate_hz,
+                )
+                return self._loop(stop, [socket.fileno(), links.commands.link.fileno()])
+            finally:
+                self._end()
+                publisher.close()
+
+    def _start_children(self) -> FrontLinks:
+        """All processes at once, so that they load their libraries side by side; they wait for GO."""
+        config, choices, clock = self._config, self._choices, self._clock
+        commands, cycle_commands = socket_links()
+        records, cycle_records = socket_links()
+        cycle_hand, hand_cycle = socket_links()
+
+        def start(role: Any, **more: Any) -> None:
+            child = Child.start(role, config, clock, simulated=choices.simulated, scene=choices.scene, **more)
+            self._children[role] = child
+
+        if choices.simulated:
+            held = choices.directory_descriptor
+            start("world", descriptors={} if held is None else {"directory": held})
+        start("hand", links={"cycle": hand_cycle})
+        start("cycle", links={"commands": cycle_commands, "records": cycle_records, "hand": cycle_hand})
+        self._links = commands, records
+        return FrontLinks(OrderedSender(commands), OrderedReader(commands), LatestReader(records))
+
+    def _begin(self) -> None:
+        """The buses are there: take our own place on the CAN bus, and let hand and cycle begin."""
+        self._begun = True
+        arm = self._config.arm
+        self._guard_bus = open_can(arm.interface, arm.channel, self._clock, filters=SAFETY_FILTERS)
+        firmware = SafetyPuck(self._guard_bus, self._clock).get("VERS")
+        self._guard = Guard(self._guard_bus, self._clock, firmware)
+        self._children["hand"].begin()
+        self._children["cycle"].begin()
+
+    def _loop(self, stop: StopRequests, descriptors: list[int]) -> int:
+        front, buttons = self._front, self._buttons
+        poll = select.poll()
+        for source in (*descriptors, stop.fileno(), *(child.lifeline.fileno() for child in self._children.values())):
+            poll.register(source, select.POLLIN)
+        if buttons is not None and buttons.open:
+            poll.register(buttons.fileno(), select.POLLIN)
+        while True:
+            ready = dict(poll.poll(0 if front.busy else LONGEST_WAIT_S * 1e3))
+            stop.drain()
+            front.step()
+            if buttons is not None and ready.pop(buttons.fileno(), 0):
+                for button in buttons.read():
+                    self._children["world"].lifeline.say(Word.PRESS, button)
+                if not buttons.open:
+                    poll.unregister(buttons.fileno())
+            for child in self._children.values():
+                for line in child.listen():
+                    self._say(line)
+            for descriptor, seen in ready.items():
+                if seen & ~select.POLLIN:
+                    poll.unregister(descriptor)  # who was there has gone, which would wake us for ever
+            code = self._supervise(stop)
+            if code is not None:
+                return code
+            self._keep_watchdog()
+
+    def _supervise(self, stop: StopRequests) -> int | None:
+        """Move on from phase to phase; the exit code once all is over."""
+        front, now_ns = self._front, self._clock.now_ns()
+        if front.cycle_lost:
+            return self._after_loss(now_ns, stop)
+        if front.stopped:
+            if front.stop_reason is not Reason.NONE:
+                self._say(f"the arm did not confirm that it is idle. {self._idle_arm()}")
+                return 1
+            return 0
+        self._check_children()
+        if self._phase == "starting":
+            self._continue_start(now_ns)
+        self._watch_arm()
+        if stop.received is not None and self._phase != "stopping":
+            self._say(f"{stop.received.name}: stopping the arm along its path")
+            if not self._children["cycle"].ready:
+                return 0
+            self._phase, self._phase_end_ns = "stopping", now_ns + nanoseconds(LONGEST_STOP_S)
+            notify("STOPPING=1")
+            with contextlib.suppress(LinkError):  # then its death shows next
+                front.shut_down()
+        if self._phase == "stopping" and now_ns > self._phase_end_ns:
+            self._say(f"the cycle did not stop within {LONGEST_STOP_S:g} s. {self._idle_arm()}")
+            self._children["cycle"].kill()
+            return 1
+        return None
+
+    def _check_children(self) -> None:
+        """What the loss of a process means. Raises DaemonFailed where it is the end."""
+        for role, child in self._children.items():
+            if not child.gone or (role == "hand" and self._front.hand_lost):
+                continue
+            child.listen()
+            if role == "world":
+                self._children["cycle"].kill()  # there is no arm left that it could bring to rest
+            if self._phase == "starting" or role == "world":
+                raise DaemonFailed(child.failure or f"The {role} process: {child.fate()}.")
+            if role == "hand":
+                self._front.hand_lost = f"The hand process has gone ({child.fate()}); the motors go on holding."
+                self._front.tell("fault", "hand_lost", self._front.hand_lost, "Restart the daemon.")
+
+    def _continue_start(self, now_ns: int) -> None:
+        world, cycle, hand = self._children.get("world"), self._children["cycle"], self._children["hand"]
+        if not self._begun and (world is None or world.ready):
+            self._begin()
+        if cycle.ready and hand.ready and self._front.record is not None:
+            self._phase = "running"
+            self._announce(self._description())
+            notify("READY=1\nSTATUS=running")
+        elif now_ns > self._phase_end_ns:
+            late = ", ".join(child.role for child in self._children.values() if not child.ready)
+            raise DaemonFailed(
+                f"Not all processes run after {LONGEST_START_S:g} s; still waiting for: {late or 'the first cycle'}."
+            )
+
+    def _watch_arm(self) -> None:
+        """Tell the operator of the arm's state, and press Activate for him where that was asked for."""
+        record = self._front.record
+        if record is None or self._phase != "running":
+            return
+        state = ArmState(int(record["arm_state"]))
+        if state is self._arm_state:
+            return
+        first, self._arm_state = self._arm_state is None, state
+        if state is ArmState.IDLE and first and self._choices.activate:
+            self._children["world"].lifeline.say(Word.PRESS, "activate")
+            return
+        prompt = {
+            ArmState.IDLE: "; press Shift-Activate on the pendant to let it move",
+            ArmState.ESTOP: "; release it, then press Shift-Idle and Shift-Activate",
+        }.get(state, "")
+        self._say(f"the arm is {state.name.lower()}{prompt}")
+
+    def _after_loss(self, now_ns: int, stop: StopRequests) -> int | None:
+        """The arm was idled and clients were told; `status` answers a moment longer."""
+        if not self._lost_ns:
+            self._lost_ns = now_ns
+            notify("STOPPING=1\nSTATUS=the cycle is lost")
+            self._children["cycle"].kill()  # one that only hung must not come back to an arm that others were told of
+        over = now_ns - self._lost_ns > nanoseconds(TOLD_FOR_S) or stop.received is not None
+        return 1 if over else None
+
+    def _keep_watchdog(self) -> None:
+        """systemd hears of us as long as cycles are completed."""
+        record, now_ns = self._front.record, self._clock.now_ns()
+        if record is None or now_ns < self._watchdog_ns:
+            return
+        self._watchdog_ns = now_ns + nanoseconds(_WATCHDOG_S)
+        if record["cycle"] != self._last_cycle:
+            self._last_cycle = record["cycle"]
+            notify("WATCHDOG=1")
+        if self._recorder is not None and self._recorder.failure and not self._recording_failed:
+            self._recording_failed = True
+            self._say(self._recorder.failure)
+
+    def _idle_arm(self) -> str:
+        if self._guard is None:
+            return "nothing was done: the arm had not been reached yet"
+        return self._guard.idle_arm()
+
+    def _description(self) -> dict[str, Any]:
+        config = self._config
+        return {
+            "command_endpoint": config.front.command_endpoint,
+            "state_endpoint": config.front.state_endpoint,
+            "can": {"interface": config.arm.interface, "channel": config.arm.channel},
+            "tendons": {"port": config.tendons.port},
+            "pids": {"front": os.getpid(), **{role: child.pid for role, child in self._children.items()}},
+        }
+
+    def _end(self) -> None:
+        """End what still runs: first who commands, then who holds, then the world they live in."""
+        clock, children = self._clock, self._children
+        for link in self._links:
+            link.close()
+        world = children.pop("world", None)
+        killed = end_children(list(children.values()), clock, clock.now_ns() + nanoseconds(LONGEST_STOP_S))
+        if "cycle" in killed:
+            self._say(self._idle_arm())
+        if self._guard_bus is not None:
+            self._guard_bus.close()
+        if world is not None:
+            killed += end_children([world], clock, clock.now_ns() + nanoseconds(LONGEST_END_S))
+        for role in killed:
+            self._say(f"the {role} process did not end and was killed")

@@ -1,0 +1,57 @@
+"""The hand's process: the tendon motors' serial line, exchanged with once a period.
+
+It outlives the cycle by a moment: it ends once the front wants it to and the cycle has gone, and then leaves both
+motors holding what they hold. It never opens the hand.
+"""
+
+from __future__ import annotations
+
+from controller.service.assembly import hand_settings, tendon_motors
+from controller.service.assignment import Assignment
+from controller.service.beginning import wait_for_go
+from controller.service.hand import HandPart
+from controller.service.lifeline import Lifeline, Word
+from controller.service.links import LatestReader, LatestSender, SocketLink
+from controller.service.realtime import RealtimeSettings, enter_realtime
+from controller.service.stop_requests import StopRequests
+from drivers.clock import MonotonicClock, nanoseconds
+from drivers.dynamixel.byte_line import SerialLine
+from drivers.dynamixel.port import WaitingPort
+from drivers.dynamixel.tendons import TendonPair
+
+LONGEST_END_S = 6.0
+"""How long the cycle may take to stop once the front has gone."""
+SIMULATED_REPLY_MARGIN_S = 0.02
+"""A simulated motor on a shared machine may answer later than a real one."""
+REPLY_MARGIN_S = 0.004
+_BELOW_CYCLE = 15
+"""Drivers run below the cycle's priority (real-time-python reference 4d)."""
+
+
+def run_hand(assignment: Assignment, lifeline: Lifeline, stop: StopRequests) -> int:
+    """Run the hand to its end; the exit code."""
+    config, clock = assignment.config, MonotonicClock()
+    cycle = SocketLink.from_fileno(assignment.descriptors["cycle"])
+    if not wait_for_go(lifeline, stop):
+        return 0
+    tendons = config.tendons
+    line = SerialLine(tendons.port, tendons.baud)
+    try:
+        margin_s = SIMULATED_REPLY_MARGIN_S if assignment.simulated else REPLY_MARGIN_S
+        port = WaitingPort(line, clock, baud=tendons.baud, reply_margin_s=margin_s)
+        pair = TendonPair(port, clock, tendon_motors(config))
+        hand = HandPart(clock, pair, LatestReader(cycle), LatestSender(cycle), hand_settings(config))
+        hand.start()
+        priority = config.cycle.priority - _BELOW_CYCLE
+        enter_realtime(RealtimeSettings(priority=priority if priority > 0 else None, freeze_garbage=True))
+        lifeline.say(Word.READY)
+        end_ns = 0
+        while not (end_ns and (cycle.closed or clock.now_ns() > end_ns)):
+            clock.sleep_until_ns(hand.pacer.deadline_ns)
+            hand.step()
+            if not end_ns and (stop.received is not None or lifeline.closed):
+                end_ns = clock.now_ns() + nanoseconds(LONGEST_END_S)
+        hand.stop()
+        return 0
+    finally:
+        line.close()

@@ -1,0 +1,91 @@
+"""From the command line's choices to a running daemon: configuration, directory, recording, pendant; then it runs."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from calibration.objects.parameters import load_object
+from calibration.toml_files import from_document
+from controller.config import RobotConfig, load_config, runtime_directory
+from controller.service.assignment import SceneChoice
+from controller.service.daemon import ButtonSource, Daemon, RunChoices
+from controller.service.recorder import Recorder
+from controller.service.run_directory import RunDirectory
+
+
+@dataclass(frozen=True)
+class Launch:
+    """What the command line says. `scene` holds `SceneChoice`'s fields; `recording` None leaves it to the config."""
+
+    config: Path | None = None
+    simulated: bool = False
+    scene: Mapping[str, Any] = field(default_factory=dict)
+    manual_pendant: bool = False
+    tables: Path | None = None
+    record: Path | None = None
+    recording: bool | None = None
+
+
+def launch(choices: Launch, *, say: Callable[[str], None], announce: Callable[[Mapping[str, Any]], None]) -> int:
+    """Run the daemon until its end; the exit code. Raises StillgraspError if it cannot start."""
+    overrides = {} if choices.tables is None else {"tables": {"directory": str(choices.tables.absolute())}}
+    config = load_config(choices.config, overrides)
+    scene = from_document(dict(choices.scene), SceneChoice, "command line")
+    if scene.object is not None:
+        load_object(scene.object)  # a wrong name is told here, not by a child
+    directory = RunDirectory(runtime_directory()) if choices.simulated else None
+    try:
+        if directory is not None:
+            config = in_simulation(config, directory.path)
+        run = RunChoices(
+            simulated=choices.simulated,
+            scene=scene,
+            activate=choices.simulated and not choices.manual_pendant,
+            directory_descriptor=directory.descriptor if directory is not None else None,
+        )
+        with _recorder(choices, config) or contextlib.nullcontext() as recorder:
+            if recorder is not None:
+                say(f"recording to {recorder.path}")
+            buttons = _buttons(say) if choices.manual_pendant else None
+            return Daemon(config, run, say=say, announce=announce, recorder=recorder, buttons=buttons).run()
+    finally:
+        if directory is not None:
+            directory.remove()
+
+
+def in_simulation(config: RobotConfig, directory: Path) -> RobotConfig:
+    """The configuration with simulated buses in `directory`, except where it names places of its own for them."""
+    default = load_config()
+    arm, tendons = config.arm, config.tendons
+    if arm.interface != "seqpacket" or arm.channel == default.arm.channel:
+        arm = msgspec.structs.replace(arm, interface="seqpacket", channel=str(directory / "can"))
+    if tendons.port == default.tendons.port or tendons.port.startswith("/dev/"):
+        tendons = msgspec.structs.replace(tendons, port=str(directory / "tendons"))
+    return msgspec.structs.replace(config, arm=arm, tendons=tendons)
+
+
+def _buttons(say: Callable[[str], None]) -> ButtonSource:
+    from controller.simulation.pendant_lines import PendantLines
+
+    say("pendant: type idle, activate, estop or release")
+    return PendantLines(0, say)
+
+
+def _recorder(choices: Launch, config: RobotConfig) -> Recorder | None:
+    wanted = config.recorder.enabled if choices.recording is None else choices.recording
+    if choices.record is None and not wanted:
+        return None
+    name = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{os.getpid()}.mcap"
+    path = choices.record or Path(config.recorder.directory) / name
+    metadata = {"version": version("stillgrasp"), "simulated": str(choices.simulated), "arm": config.arm.channel}
+    return Recorder(path, wall_offset_ns=time.time_ns() - time.monotonic_ns(), metadata=metadata)

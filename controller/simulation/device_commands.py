@@ -1,0 +1,138 @@
+"""`stillgrasp simulate wam|dynamixel`: one simulated device alone, for any other client of its bus."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from controller.config import load_config, runtime_directory
+from controller.service.assignment import SceneChoice
+from controller.service.realtime import RealtimeSettings, enter_realtime
+from controller.service.run_directory import RunDirectory
+from controller.service.stop_requests import StopRequests
+from controller.simulation.device_loop import DeviceLoop, HasFileno
+from controller.simulation.pendant_lines import PendantLines
+from controller.simulation.stepped_clock import SteppedClock
+from drivers.clock import nanoseconds
+from drivers.dynamixel.control_tables import MODELS
+from drivers.errors import InputError
+from drivers.simulated.dynamixel import SimulatedMotors, SimulatedMotorSettings
+from drivers.simulated.serial_lines import PtyServer
+from drivers.simulated.spring_tendons import SpringTendons
+
+app = typer.Typer(no_args_is_help=True, help="Run one simulated device alone, so that any client can talk to it.")
+AsJson = Annotated[bool, typer.Option("--json", help="Print the bus as one line of JSON when ready.")]
+_PLANT_STEP_NS = nanoseconds(0.0005)
+
+
+@app.command(
+    epilog="Example: stillgrasp simulate wam --channel /tmp/can --json; then, in Python: "
+    'can.Bus(interface="seqpacket", channel="/tmp/can")'
+)
+def wam(
+    channel: Annotated[Path | None, typer.Option(help="Socket to serve; else one in a new private directory.")] = None,
+    asleep: Annotated[bool, typer.Option("--asleep", help="Pucks in their boot monitor, as after power-up.")] = False,
+    not_zeroed: Annotated[
+        bool, typer.Option("--not-zeroed", help="Pucks without positions, the arm at home, as after power-up.")
+    ] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the arm's imperfections.")] = 0,
+    as_json: AsJson = False,
+) -> None:
+    """A Barrett WAM on a CAN bus; it starts idle.
+
+    The pendant's buttons come from standard input, a word a line: idle, activate, estop, release. Ctrl-C ends it.
+    """
+    from controller.simulation.world_process import simulated_devices
+    from drivers.simulated.seqpacket_can import SeqpacketHub
+    from drivers.wam.parameters import load_wam_parameters
+
+    with contextlib.ExitStack() as stack:
+        stop = stack.enter_context(StopRequests())
+        if channel is None:
+            directory = RunDirectory(runtime_directory())
+            stack.callback(directory.remove)
+            channel = directory.path / "can"
+        clock = SteppedClock()
+        posture = {"joint_rad": tuple(load_wam_parameters().home_rad.tolist())} if not_zeroed else {}
+        devices = simulated_devices(
+            load_config(), SceneChoice(seed=seed), clock.now_ns(), booted=not asleep, zeroed=not not_zeroed, **posture
+        )
+        hub = SeqpacketHub(channel.absolute(), [devices.wam], clock)
+        stack.callback(hub.close)
+        buttons = PendantLines(0, _say)
+
+        def press() -> None:
+            for button in buttons.read():
+                hub.transmit(devices.wam.press(button, clock.now_ns()), devices.wam)
+
+        loop = DeviceLoop(clock, devices.world.advance_to, [hub], hub.filenos, _say)
+        _tell({"interface": "seqpacket", "channel": str(channel.absolute())}, as_json)
+        _run(loop, clock, stop, buttons, press)
+
+
+@app.command(epilog="Example: stillgrasp simulate dynamixel --ids 1 2 --json; then open its port with dynamixel-sdk")
+def dynamixel(
+    model: Annotated[str, typer.Option(help="Motor model.")] = "XM430-W350",
+    ids: Annotated[tuple[int, int], typer.Option(help="Bus ids of the two motors, right and left.")] = (1, 2),
+    baud: Annotated[
+        int, typer.Option(min=9600, max=4_500_000, help="Baud rate that answers are timed by.")
+    ] = 1_000_000,
+    as_json: AsJson = False,
+) -> None:
+    """Two tendon motors, each pulling on a spring, on a serial line (a pty). Ctrl-C ends it."""
+    known = {candidate.name: candidate for candidate in MODELS.values()}
+    if model not in known:
+        raise InputError(f"model {model!r} is unknown; expected one of {', '.join(known)}.")
+    plant = SpringTendons()
+    motors = SimulatedMotors(plant, [SimulatedMotorSettings(motor_id, model=known[model]) for motor_id in ids])
+    clock = SteppedClock()
+    plant_ns = clock.now_ns()
+
+    def advance(now_ns: int) -> None:
+        nonlocal plant_ns
+        while plant_ns + _PLANT_STEP_NS <= now_ns:
+            motors.control(plant_ns, _PLANT_STEP_NS * 1e-9)
+            plant.step(_PLANT_STEP_NS * 1e-9)
+            plant_ns += _PLANT_STEP_NS
+
+    with contextlib.ExitStack() as stack:
+        stop = stack.enter_context(StopRequests())
+        pty = PtyServer(motors, clock, baud)
+        stack.callback(pty.close)
+        loop = DeviceLoop(clock, advance, [pty], lambda: [pty.fileno()], _say)
+        _tell({"port": pty.port}, as_json)
+        _run(loop, clock, stop, None, lambda: None)
+
+
+def _run(
+    loop: DeviceLoop,
+    clock: SteppedClock,
+    stop: StopRequests,
+    buttons: PendantLines | None,
+    press: Callable[[], None],
+) -> None:
+    """Until a signal; the end of the buttons ends nothing."""
+    enter_realtime(RealtimeSettings(freeze_garbage=True))
+    clock.resume()
+    while stop.received is None:
+        others: Sequence[HasFileno] = [stop, *([buttons] if buttons is not None and buttons.open else [])]
+        if buttons in loop.turn(others):
+            press()
+
+
+def _tell(bus: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(bus), flush=True)
+    else:
+        _say(", ".join(f"{key} {value}" for key, value in bus.items()) + "; stop with Ctrl-C")
+
+
+def _say(text: str) -> None:
+    with contextlib.suppress(OSError):
+        print(f"stillgrasp: {text}", file=sys.stderr, flush=True)

@@ -1,0 +1,72 @@
+"""One select loop in front of simulated devices: their sockets, and the physics behind them on time.
+
+A turn waits for bytes, a due answer or the next physics deadline, moves the physics up to now, and lets the buses carry
+what has come. Physics deadlines are 1 ms apart; what a device reports in between is sampled at its own moment anyway,
+because the physics is brought up to it first.
+"""
+
+from __future__ import annotations
+
+import select
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from controller.simulation.stepped_clock import SteppedClock
+from drivers.clock import nanoseconds
+
+PHYSICS_DEADLINE_NS = nanoseconds(0.001)
+_SAYING_PERIOD_NS = nanoseconds(10.0)
+
+
+class HasFileno(Protocol):
+    """Something else to wait for."""
+
+    def fileno(self) -> int: ...
+
+
+class Bus(Protocol):
+    """A hub or a pty server."""
+
+    def next_due_ns(self) -> int | None: ...
+
+    def step(self, now_ns: int | None = None) -> None: ...
+
+
+class DeviceLoop:
+    """`advance` moves the physics up to a time; `descriptors` names what the buses wait for now."""
+
+    def __init__(
+        self,
+        clock: SteppedClock,
+        advance: Callable[[int], None],
+        buses: Sequence[Bus],
+        descriptors: Callable[[], Sequence[int]],
+        say: Callable[[str], None],
+    ) -> None:
+        self._clock = clock
+        self._advance = advance
+        self._buses = tuple(buses)
+        self._descriptors = descriptors
+        self._say = say
+        self._said_ns = -_SAYING_PERIOD_NS
+        self._told_drops = 0
+
+    def turn(self, others: Sequence[HasFileno] = ()) -> list[HasFileno]:
+        """One turn; which of `others` are readable."""
+        clock = self._clock
+        due_ns = clock.now_ns() + PHYSICS_DEADLINE_NS
+        for bus in self._buses:
+            bus_due_ns = bus.next_due_ns()
+            if bus_due_ns is not None and bus_due_ns < due_ns:
+                due_ns = bus_due_ns
+        waited: list[int | HasFileno] = [*self._descriptors(), *others]
+        readable = select.select(waited, [], [], clock.until_ns(due_ns) * 1e-9)[0]
+        now_ns = clock.step()
+        self._advance(now_ns)
+        for bus in self._buses:
+            bus.step(now_ns)
+        if clock.drops != self._told_drops and now_ns - self._said_ns > _SAYING_PERIOD_NS:
+            self._told_drops, self._said_ns = clock.drops, now_ns
+            times = f"{clock.drops} times" if clock.drops > 1 else "once"
+            self._say(f"the simulation was {times} too slow for the clock; it dropped {clock.dropped_ns * 1e-9:.2f} s")
+        return [source for source in others if source in readable]

@@ -1,0 +1,51 @@
+"""The operator of a simulated pendant at a keyboard, or a program: buttons on a descriptor, a word a line."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+
+from drivers.simulated.wam import BUTTONS
+
+_LONGEST_LINE_BYTES = 1000
+
+
+class PendantLines:
+    """Reads words from `descriptor` (standard input); unknown ones are told through `say` and passed over.
+
+    The end of the input, or an input that cannot be read, ends nothing but the reading: `open` turns false.
+    """
+
+    def __init__(self, descriptor: int, say: Callable[[str], None]) -> None:
+        self._descriptor = descriptor
+        self._say = say
+        self._rest = b""
+        self.open = True
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            self.open = False
+
+    def fileno(self) -> int:
+        """Descriptor to wait on while `open`."""
+        return self._descriptor
+
+    def read(self) -> list[str]:
+        """The buttons pressed since the last call; call it when the descriptor is readable."""
+        try:
+            data = os.read(self._descriptor, 4096)
+        except BlockingIOError:
+            return []
+        except OSError:  # a terminal that has gone, or belongs to another job now
+            data = b""
+        if not data:
+            self.open = False
+            data = b"\n"
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        if len(self._rest) > _LONGEST_LINE_BYTES:
+            lines, self._rest = [*lines, self._rest], b""
+        words = [line.decode(errors="replace").strip().lower() for line in lines]
+        for word in words:
+            if word and word not in BUTTONS:
+                self._say(f"pendant button {word[:40]!r} is unknown; expected one of {', '.join(BUTTONS)}.")
+        return [word for word in words if word in BUTTONS]

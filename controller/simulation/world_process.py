@@ -1,0 +1,108 @@
+"""The world's process of `stillgrasp run --simulate`: MuJoCo behind a CAN hub and a pty, on the machine's time.
+
+The configuration names the hub's socket and the link to the pty. It ends once the front has gone and nobody is on the
+CAN bus any more, so that a cycle whose front was killed still has an arm to bring to rest.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from controller.config import RobotConfig
+from controller.service.assembly import configured_hand
+from controller.service.assignment import Assignment, SceneChoice
+from controller.service.lifeline import Lifeline, Word
+from controller.service.realtime import RealtimeSettings, enter_realtime
+from controller.service.stop_requests import StopRequests
+from controller.simulation.device_loop import DeviceLoop, HasFileno
+from controller.simulation.scene import Devices, Scene, build_devices
+from controller.simulation.stepped_clock import SteppedClock
+from drivers.clock import nanoseconds
+from drivers.errors import InputError
+from drivers.simulated.seqpacket_can import SeqpacketHub
+from drivers.simulated.serial_lines import PtyServer
+from drivers.simulated.wam import SimulatedWam
+from drivers.wam.parameters import load_wam_parameters
+
+HEARTBEAT_S = 0.5
+"""The simulated safety puck's patience: shared machines stall, and an idle arm is no use to anybody."""
+LONGEST_END_S = 6.0
+
+
+def run_world(assignment: Assignment, lifeline: Lifeline, stop: StopRequests) -> int:
+    """Run the world until the front and the cycle have gone; the exit code."""
+    config = assignment.config
+    clock = SteppedClock()
+    devices = simulated_devices(config, assignment.scene, clock.now_ns())
+    hub = SeqpacketHub(config.arm.channel, [devices.wam], clock)
+    try:
+        pty = PtyServer(devices.motors, clock, config.tendons.baud)
+        link = Path(config.tendons.port)
+        try:
+            _link(link, pty.port)
+            try:
+                enter_realtime(RealtimeSettings(freeze_garbage=True))
+                clock.resume()
+                _loop(devices, hub, pty, clock, lifeline, stop)
+            finally:
+                link.unlink(missing_ok=True)
+        finally:
+            pty.close()
+    finally:
+        hub.close()
+        if "directory" in assignment.descriptors:  # shared with the front, which may be dead
+            with contextlib.suppress(OSError):
+                os.rmdir(os.readlink(f"/proc/self/fd/{assignment.descriptors['directory']}"))
+    return 0
+
+
+def simulated_devices(
+    config: RobotConfig, choice: SceneChoice, start_ns: int, *, booted: bool = True, zeroed: bool = True, **scene: Any
+) -> Devices:
+    """The world of the configuration and scene, with devices patient enough for the machine's time."""
+    chosen = {name: value for name, value in msgspec.structs.asdict(choice).items() if value is not None}
+    devices = build_devices(config, configured_hand(config), Scene(**chosen, **scene), start_ns=start_ns)
+    wam = SimulatedWam(devices.world, load_wam_parameters(), booted=booted, zeroed=zeroed, heartbeat_s=HEARTBEAT_S)
+    return replace(devices, wam=wam)
+
+
+def _loop(
+    devices: Devices, hub: SeqpacketHub, pty: PtyServer, clock: SteppedClock, lifeline: Lifeline, stop: StopRequests
+) -> None:
+    def say(text: str) -> None:
+        lifeline.say(Word.SAID, text)
+
+    loop = DeviceLoop(clock, devices.world.advance_to, (hub, pty), lambda: [*hub.filenos(), pty.fileno()], say)
+    lifeline.say(Word.READY)
+    ending_ns = 0
+    while True:
+        watched: list[HasFileno] = [] if ending_ns else [lifeline, stop]
+        loop.turn(watched)
+        stop.drain()
+        if not ending_ns:
+            while (saying := lifeline.hear()) is not None:
+                if saying.word is Word.PRESS:
+                    hub.transmit(devices.wam.press(saying.text, clock.now_ns()), devices.wam)
+            if lifeline.closed or stop.received is not None:
+                ending_ns = clock.now_ns() + nanoseconds(LONGEST_END_S)
+        elif len(hub.filenos()) <= 1 or clock.now_ns() > ending_ns:  # the listener alone
+            return
+
+
+def _link(path: Path, port: str) -> None:
+    """Make `path` a link to the pty; one that a dead simulation left is replaced."""
+    try:
+        if path.is_symlink() and os.readlink(path).startswith("/dev/pts/"):
+            path.unlink()
+        path.symlink_to(port)
+    except OSError as error:
+        raise InputError(
+            f"tendons.port: no link to the simulated motors can be made at {path}: {error.strerror}.",
+            help="Name a path that does not exist yet, in a directory of yours.",
+        ) from error
