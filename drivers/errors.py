@@ -17,6 +17,7 @@ Data are kept as attributes; the message is made once, here, so that every error
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 
 class StillgraspError(Exception):
@@ -26,6 +27,17 @@ class StillgraspError(Exception):
         super().__init__(message if not help else f"{message} {help}")
         self.message = message
         self.help = help
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Errors travel between processes: made anew from what they hold, not from their constructor's arguments."""
+        return _restored, (type(self), self.args, self.__dict__)
+
+
+def _restored(kind: type[StillgraspError], args: tuple[Any, ...], attributes: dict[str, Any]) -> StillgraspError:
+    error = kind.__new__(kind)
+    error.args = args
+    error.__dict__.update(attributes)
+    return error
 
 
 class InputError(StillgraspError, ValueError):

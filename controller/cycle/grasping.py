@@ -210,7 +210,7 @@ class Grasping:
                 self._search(self.table, hand)
         self.reading = self._index.advance(self.winding, self.index_kind, winding=is_winding)
         self._aim(self.table, self.reading)
-        self._finish(hand)
+        self._finish()
         return self._drive(self.table)
 
     def _aim(self, table: PlanarTable, reading: IndexReading) -> None:
@@ -230,9 +230,7 @@ class Grasping:
         tension = table.at_excursion(beyond, 0.0).tension_N
         share = 1.0 + min(w, 0.0) / table.mean_contact_m  # of the contact load, while the springs alone resist
         drive, stretch = self._settings.drive, table.compliance_m_per_N
-        self._friction_sign = _towards(
-            self._friction_sign, _sign(rate_m_s), self._period_s / drive.reversal_time_s
-        )
+        self._friction_sign = _towards(self._friction_sign, _sign(rate_m_s), self._period_s / drive.reversal_time_s)
         ahead_m = drive.lag_s * rate_m_s + drive.compliance_m_per_N * drive.friction_N * self._friction_sign
         right, left = (
             finger_excursion_m(table, i, w, self._settings.contact_zone_m)
@@ -277,7 +275,7 @@ class Grasping:
         if self._stop_reason is None:
             self._stop_reason = reason
 
-    def _finish(self, hand: HandState) -> None:
+    def _finish(self) -> None:
         """What comes when the profile has ended or a halt has come to rest."""
         ended = self._profile.end_if_standing() if self._stop_reason is not None else self._profile.finished
         if not ended:
@@ -301,7 +299,7 @@ class Grasping:
             self.enter(GraspEvent.SQUEEZED)
             assert self._index is not None
             assert self.reading is not None
-            values = (self.reading.mean_m, self._index.measured_load_N(hand), self.reading.load_N)
+            values = (self.reading.mean_m, self._index.last_winding_load_N, self.reading.load_N)
             self._end_token(EventKind.COMPLETED, reason, values)
         elif self.phase is GraspPhase.HOLDING and self._token:
             self._end_token(EventKind.FAILED, reason)

@@ -91,14 +91,13 @@ class MotionIndex:
         self._onset_shift_N: float | None = None
         self._stretch_m: Pair = (0.0, 0.0)
         self._latch: tuple[float, float] | None = None
-        self._commanded_load: WindingState | None = None
+        self.last_winding_load_N = 0.0
 
     def start(self, hand: HandState) -> None:
         """Begin to observe; nothing touches yet."""
         self._contact_shift_m = (0.0, 0.0)
         self._onset_shift_N = None
         self._latch = None
-        self._commanded_load = None
         mean_m, difference_m = self._measured(hand)
         self._mean.reset(mean_m)
         self._difference.reset(difference_m)
@@ -130,6 +129,7 @@ class MotionIndex:
         # Where a motor has not begun to turn, friction hides its load (dynamixel reference 3.3).
         turning = min(hand.rate_m_s) > self._settings.winding_rate_m_s
         if winding and turning and self._onset_shift_N is not None:
+            self.last_winding_load_N = self.measured_load_N(hand)
             self._load.correct(self.measured_load_N(hand), sample_ns, now_ns)
 
     def measured_load_N(self, hand: HandState) -> float:
@@ -148,7 +148,7 @@ class MotionIndex:
         load_N = sample.mean_tension_N
         decisive = sample
         if self._onset_shift_N is not None and kind is not CompensationIndex.EXCURSION:
-            load = self._observed_load(shifted, difference.position_m, load_N, winding=winding)
+            load = self._observed_load(shifted, difference.position_m, sample, mean, winding=winding)
             by_load = self._table.at_load(load.position_m, difference.position_m)
             if by_load.usable:
                 load_motion = self._load_rates.motion(by_load, load, difference)
@@ -177,28 +177,29 @@ class MotionIndex:
         return WindingState(position_m, slope * profile.rate_m_s, slope * profile.acceleration_m_s2)
 
     def _observed_load(
-        self, command: WindingState, difference_m: float, table_load_N: float, *, winding: bool
+        self, command: WindingState, difference_m: float, sample: PlanarSample, mean: WindingState, *, winding: bool
     ) -> WindingState:
-        """Mean load with its rate: while winding observed, then latched and moved by what the table says of excursion."""
+        """Mean load with its rates: while winding observed, then latched and moved by what the table says of excursion."""
         if not winding:
             if self._latch is None:
-                self._latch = (self._load.state.position_m, table_load_N)
+                self._latch = (self._load.state.position_m, sample.mean_tension_N)
             latched_N, at_latch_N = self._latch
-            # `advance` keeps the observer's model where the profile stands, so winding can go on from the latch.
-            return WindingState(latched_N + table_load_N - at_latch_N, 0.0, 0.0)
+            return _load_state(latched_N + sample.mean_tension_N - at_latch_N, sample, mean)
         self._latch = None
-        commanded_N = self._table.at_excursion(command.position_m, difference_m).mean_tension_N
-        previous = self._commanded_load
-        rate = 0.0 if previous is None else (commanded_N - previous.position_m) / self._period_s
-        change = 0.0 if previous is None else (rate - previous.rate_m_s) / self._period_s
-        self._commanded_load = WindingState(commanded_N, rate, change)
-        return self._load.advance(self._commanded_load)
+        commanded = self._table.at_excursion(command.position_m, difference_m)
+        return self._load.advance(_load_state(commanded.mean_tension_N, commanded, command))
 
     def _load_weight(self, by_excursion: PlanarSample, by_load: PlanarSample) -> float:
         """Weight of the load's motion: inverse variances, both as motion of the object."""
         excursion_m = _length(by_excursion.along_first) * self._settings.excursion_deviation_m
         load_m = _length(by_load.along_first) * self._settings.load_deviation_N
         return excursion_m**2 / max(excursion_m**2 + load_m**2, 1e-18)
+
+
+def _load_state(load_N: float, sample: PlanarSample, index: WindingState) -> WindingState:
+    """A load that moves with an excursion index, by the table's slope there."""
+    slope = sample.mean_tension_slope
+    return WindingState(load_N, slope * index.rate_m_s, slope * index.acceleration_m_s2)
 
 
 def _length(column: Vector3) -> float:

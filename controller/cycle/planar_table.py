@@ -17,13 +17,15 @@ STATUS_NUMBERS = {status: number for number, status in enumerate(Status)}
 
 
 class PlanarSample(NamedTuple):
-    """Object pose (x, y, θ) in the hand, its slopes along both index axes, both tendon loads."""
+    """Object pose (x, y, θ) in the hand, its slopes along both index axes, both tendon loads and their mean's slope along
+    the first axis."""
 
     status: Status
     pose: Vector3
     along_first: Vector3
     along_second: Vector3
     tension_N: Pair
+    mean_tension_slope: float
 
     @property
     def usable(self) -> bool:
@@ -77,6 +79,7 @@ class PlanarTable:
             (first[0], first[1], first[5]),
             (second[0], second[1], second[5]),
             (value[6], value[7]),
+            0.5 * (first[6] + first[7]),
         )
 
 

@@ -20,7 +20,7 @@ from controller.service.requests import Planner
 from controller.service.table_shelf import TableShelf
 from controller.simulation.scene import Devices, Scene, build_devices
 from controller.simulation.virtual_time import Part, VirtualTime
-from controller.simulation.world import World, WorldTruth
+from controller.simulation.world import World
 from drivers.clock import VirtualClock, nanoseconds
 from drivers.dynamixel.port import WaitingPort
 from drivers.dynamixel.tendons import TendonPair
@@ -35,7 +35,7 @@ RECORDS_WAITING = 16
 class VirtualRobot:
     """Cycle, hand, front, devices and world of one installation and scene.
 
-    `observe` is called with the world's truth every `observe_period_s`; nothing else sees it.
+    `observe` is called with the world every `observe_period_s`, for a reporter.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class VirtualRobot:
         scene: Scene,
         *,
         recorder: RecordSink | None = None,
-        observe: Callable[[WorldTruth], None] | None = None,
+        observe: Callable[[World], None] | None = None,
         observe_period_s: float = 0.002,
     ) -> None:
         hand = configured_hand(config)
@@ -122,7 +122,7 @@ class VirtualRobot:
         now_ns = self._clocks["world"].now_ns()
         self.world.advance_to(now_ns)
         if self._observe is not None and now_ns % self._observe_period_ns == 0:
-            self._observe(self.world.truth())
+            self._observe(self.world)
         return now_ns + self.world.physics_period_ns
 
     def _step_hub(self) -> int:

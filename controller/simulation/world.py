@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from bisect import insort
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -29,23 +28,6 @@ from drivers.wam.parameters import JOINTS, WamParameters
 BRAKING_NMS_PER_RAD = (150.0, 150.0, 50.0, 30.0, 2.5, 2.5, 0.25)
 """Shorted motors at the joints [assumed]: squared torque constant and ratio (WAM reference 5.3) over 1.5 to 3 Ω."""
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-
-
-@dataclass(frozen=True, eq=False)
-class WorldTruth:
-    """What is really so. Poses 4×4; fingers in the order right, left."""
-
-    time_ns: int
-    T_world_object: NDArray[np.float64]
-    T_world_wrist: NDArray[np.float64]
-    T_hand_object: NDArray[np.float64]
-    finger_joint_rad: NDArray[np.float64]
-    """Flexion from rest, (2, 2): finger, proximal and distal."""
-    tendon_excursion_m: NDArray[np.float64]
-    """Finger-side: what the joints took up, (2,)."""
-    tendon_tension_N: NDArray[np.float64]
-    contact_force_N: NDArray[np.float64]
-    """Normal force between each fingertip and the object, (2,)."""
 
 
 class World:
@@ -92,7 +74,6 @@ class World:
         model = self._parts.model
         self._model = model
         self._data = mujoco.MjData(model)
-        self._observer = mujoco.MjData(model)  # truth is computed beside the physics, never in it
         self._state = np.empty(mujoco.mj_stateSize(model, _STATE))
         self._hand_only = hand_only
         self._period_ns = nanoseconds(physics_period_s)
@@ -104,8 +85,6 @@ class World:
         self._arm_damping_braking = self._arm_damping + np.array(BRAKING_NMS_PER_RAD)[self._parts.arm]
         model.dof_damping[self._parts.arm] = self._arm_damping_braking
         self._data.qpos[self._parts.arm] = self._start_rad[self._parts.arm]
-        self._arms_m = np.array([finger.tendon_arm_m for finger in hand.fingers])
-        self._tendon_stiffness_N_per_m = np.array([finger.tendon_stiffness_N_per_m for finger in hand.fingers])
 
     # Time
 
@@ -196,53 +175,17 @@ class World:
         """Disturb the object with a force in world axes at its centre of mass, shape (3,), held until the next."""
         self._data.xfrc_applied[self._parts.object_body, :3] = _vector("force_N", force_N, 3)
 
-    def truth(self) -> WorldTruth:
-        """The true state now."""
-        parts, data = self._parts, self._observer
+    # What really is
+
+    @property
+    def parts(self) -> WorldModel:
+        """The compiled model and where its parts are."""
+        return self._parts
+
+    def copy_state_to(self, data: mujoco.MjData) -> None:
+        """Copy the physics' state into other data of the same model; the physics is left as it is."""
         mujoco.mj_getState(self._model, self._data, self._state, _STATE)
         mujoco.mj_setState(self._model, data, self._state, _STATE)
-        mujoco.mj_forward(self._model, data)
-        T_world_hand = _pose(data, parts.hand_body)
-        T_world_object = _pose(data, parts.object_body)
-        joints = data.qpos[parts.finger].copy()
-        return WorldTruth(
-            time_ns=self._time_ns,
-            T_world_object=T_world_object,
-            T_world_wrist=_pose(data, parts.wrist_body),
-            T_hand_object=np.linalg.inv(T_world_hand) @ T_world_object,
-            finger_joint_rad=joints,
-            tendon_excursion_m=np.sum(self._arms_m * joints, axis=1),
-            tendon_tension_N=self._tension_N(),
-            contact_force_N=self._contact_force_N(),
-        )
-
-    def _tension_N(self) -> NDArray[np.float64]:
-        data, tendons = self._observer, self._parts.tendon
-        tension_N = np.zeros(2)
-        stretch_m = np.maximum(data.ten_length[tendons], 0.0)
-        elastic = np.isfinite(self._tendon_stiffness_N_per_m)
-        tension_N[elastic] = self._tendon_stiffness_N_per_m[elastic] * stretch_m[elastic]
-        limits = data.efc_type == mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON
-        for finger in np.flatnonzero(~elastic):
-            tension_N[finger] = data.efc_force[limits & (data.efc_id == tendons[finger])].sum()
-        return tension_N
-
-    def _contact_force_N(self) -> NDArray[np.float64]:
-        data, force_N, wrench = self._observer, np.zeros(2), np.zeros(6)
-        tips = self._parts.tip_geom.tolist()
-        for index, geoms in enumerate(data.contact.geom[: data.ncon].tolist()):
-            for finger, tip in enumerate(tips):
-                if tip in geoms:
-                    mujoco.mj_contactForce(self._model, data, index, wrench)
-                    force_N[finger] += wrench[0]
-        return force_N
-
-
-def _pose(data: mujoco.MjData, body: int) -> NDArray[np.float64]:
-    pose = np.eye(4)
-    pose[:3, :3] = data.xmat[body].reshape(3, 3)
-    pose[:3, 3] = data.xpos[body]
-    return pose
 
 
 def _vector(name: str, values: ArrayLike, size: int) -> NDArray[np.float64]:

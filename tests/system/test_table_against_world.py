@@ -20,7 +20,8 @@ from calibration.grasp.specification import GraspSpec
 from calibration.hand.parameters import load_hand
 from calibration.motion_table import MotionTable, Status
 from calibration.objects.parameters import Support, load_object
-from controller.simulation.world import World, WorldTruth
+from controller.simulation.truth import WorldObserver, WorldTruth
+from controller.simulation.world import World
 from drivers.wam.parameters import load_wam_parameters
 
 END_LOAD_N = 78.0
@@ -66,12 +67,13 @@ def squeeze(table: MotionTable, support_friction: float) -> Seen:
     for rate_m_s, duration_s in ((before_m, 1.0), (np.zeros(2), 0.3), (np.full(2, RATE_M_S), short_m / RATE_M_S)):
         world.wind_spools(tuple(rate_m_s / SPOOL_RADIUS_M))
         world.advance_to(world.time_ns + round(duration_s * 1e9))
-    start = world.truth().T_hand_object
+    observer = WorldObserver(world, load_hand("t42pp"))
+    start = observer.truth().T_hand_object
     end_m = end_excursion_m(table)
     truths = []
     for _ in range(POINTS):
         world.advance_to(world.time_ns + round(end_m / POINTS / RATE_M_S * 1e9))
-        truths.append(world.truth())
+        truths.append(observer.truth())
     poses = np.array([truth.T_hand_object for truth in truths])
     turned = poses[:, :3, :3] @ start[:3, :3].T
     motion = np.column_stack([poses[:, :2, 3] - (x_m, y_m), np.arctan2(turned[:, 1, 0], turned[:, 0, 0])])

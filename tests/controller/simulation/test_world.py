@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from calibration.hand.parameters import Hand, PinJoint, load_hand
 from calibration.objects.parameters import GraspObject, Support, load_object
+from controller.simulation.truth import WorldObserver, WorldTruth
 from controller.simulation.world import World
 from controller.simulation.world_model import Imperfections
 from drivers.errors import InputError, MechanicsError
@@ -47,6 +48,10 @@ def make_world(
         imperfections=imperfections,
         hand_only=hand_only,
     )
+
+
+def observed(world: World, hand: Hand | None = None) -> WorldTruth:
+    return WorldObserver(world, hand or load_hand("t42pp")).truth()
 
 
 def hand_with(**changes: PinJoint | float) -> Hand:
@@ -101,7 +106,7 @@ def test_arm_without_imperfections_floats_under_pinocchio_gravity() -> None:
     assert np.abs(world.joint_position_rad() - ELBOW_UP_RAD).max() < 2e-5
     pinocchio.framesForwardKinematics(model, data, world.joint_position_rad())
     wrist = data.oMf[model.getFrameId("tool")].homogeneous
-    assert world.truth().T_world_wrist == pytest.approx(wrist, abs=1e-9)
+    assert observed(world).T_world_wrist == pytest.approx(wrist, abs=1e-9)
 
 
 def test_arm_accelerates_as_pinocchio_with_rotor_inertia_says() -> None:
@@ -190,7 +195,7 @@ def test_free_closing_follows_the_springs(stiffness_N_per_m: float) -> None:
     world.advance_to(SECOND)
     world.wind_spools((0.0, 0.0))
     world.advance_to(2 * SECOND)
-    truth = world.truth()
+    truth = observed(world, hand)
     arms_m = np.array(hand.right.tendon_arm_m)
     stiffness = np.array([joint.stiffness_Nm_per_rad for joint in hand.right.joints])  # type: ignore[union-attr]  # pins
     for finger, spool_rad in enumerate((0.6, 0.4)):
@@ -208,7 +213,7 @@ def test_slack_tendon_pulls_nothing() -> None:
     world.advance_to(SECOND)
     world.wind_spools((-0.7, 0.0))
     world.advance_to(2 * SECOND)
-    truth = world.truth()
+    truth = observed(world)
     assert truth.tendon_tension_N == pytest.approx(np.zeros(2), abs=0.0)
     assert np.abs(truth.finger_joint_rad).max() < 1e-4
 
@@ -224,7 +229,7 @@ def test_motor_winds_only_beyond_gear_friction() -> None:
 
     world.call_before_each_step(ramp)
     world.advance_to(3 * SECOND)
-    tension_N = world.truth().tendon_tension_N
+    tension_N = observed(world).tendon_tension_N
     assert abs(world.shaft_angle_rad(0)) < 1e-4
     assert tension_N[1] == pytest.approx((0.50 - 0.233) / SPOOL_RADIUS_M, rel=0.02)
 
@@ -235,10 +240,10 @@ def test_object_slides_when_pushed_beyond_support_friction(share: float, moves: 
     grasp_object = load_object("cylinder40")
     assert grasp_object.support is not None
     world = make_world(grasp_object=msgspec.structs.replace(grasp_object, height_m=0.03), hand_only=True)
-    before = world.truth().T_world_object
+    before = observed(world).T_world_object
     world.push_object((0.0, share * grasp_object.support.friction * grasp_object.mass_kg * 9.81, 0.0))
     world.advance_to(SECOND // 2)
-    way_m = world.truth().T_world_object[1, 3] - before[1, 3]
+    way_m = observed(world).T_world_object[1, 3] - before[1, 3]
     expected_m = 0.5 * (share - 1.0) * grasp_object.support.friction * 9.81 * 0.5**2
     assert way_m == pytest.approx(expected_m, rel=0.02) if moves else abs(way_m) < 2e-5
 
@@ -246,11 +251,11 @@ def test_object_slides_when_pushed_beyond_support_friction(share: float, moves: 
 def test_untouched_object_stands_still() -> None:
     """What moves in a report is moved by the robot: alone, the object stays within a micrometre of where it was put."""
     world = make_world()
-    before = world.truth().T_world_object
+    before = observed(world).T_world_object
     world.advance_to(SECOND)
-    middle = world.truth().T_world_object
+    middle = observed(world).T_world_object
     world.advance_to(2 * SECOND)
-    after = world.truth().T_world_object
+    after = observed(world).T_world_object
     assert np.abs(after - middle).max() < 1e-9
     assert np.abs(after[:3, 3] - before[:3, 3]).max() < 1e-5  # settles into its support once
 
@@ -267,7 +272,7 @@ def test_same_calls_same_bits_whether_watched_or_not() -> None:
             world.set_shaft_torque_Nm(step % 2, 0.5)
             world.advance_to(step * 2_000_000)
             if watched:
-                world.truth()
+                observed(world)
         assert calls == list(range(0, 200_000_000, world.physics_period_ns))
         return world.joint_position_rad().tobytes() + np.float64(world.shaft_angle_rad(0)).tobytes()
 
@@ -313,4 +318,4 @@ def test_support_without_friction_is_possible() -> None:
     world = make_world(grasp_object=grasp_object, hand_only=True)
     world.push_object((0.1, 0.0, 0.0))
     world.advance_to(SECOND)
-    assert world.truth().T_world_object[0, 3] - 2.0 == pytest.approx(0.5, rel=0.01)
+    assert observed(world).T_world_object[0, 3] - 2.0 == pytest.approx(0.5, rel=0.01)

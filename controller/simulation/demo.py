@@ -1,0 +1,136 @@
+"""`stillgrasp demo`: the main job on simulated hardware, with its figures.
+
+Three grasps, each without compensation and with it by each index, on virtual time: the same figures on any machine. Then one
+of them in real time, as a user would run it, for the timing figures, which describe the machine.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from controller.config import RobotConfig, load_config
+from controller.service.assembly import configured_hand
+from controller.simulation.demo_cases import GraspCase, approach_joints, case_table, demo_cases, run_case
+from controller.simulation.demo_report import CaseResult, Trace, Track, draw, trace
+from drivers.errors import InputError
+
+INDICES = ("excursion", "load")
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class DemoPlan:
+    """What the demo runs."""
+
+    config: RobotConfig
+    cases: list[GraspCase]
+    table: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class _Job:
+    directory: str
+    case: GraspCase
+    index: str
+    compensated: bool
+
+
+def demo_config(directory: Path) -> RobotConfig:
+    """The default installation, with the demo's own tables."""
+    return load_config(overrides={"tables": {"directory": str(directory / "tables")}})
+
+
+def prepare(directory: Path, seed: int, say: Say) -> DemoPlan:
+    """Draw the cases and build their tables, or reuse them."""
+    config = demo_config(directory)
+    tables = directory / "tables"
+    began_s = time.perf_counter()
+    reused = 0
+    for attempt in range(50):
+        cases = demo_cases(seed, attempt)
+        try:
+            built = []
+            for case in cases:
+                table, again = case_table(config, case, tables)
+                approach_joints(config, table, case)
+                built.append(again)
+                say(f"table for {case.name}: {'reused' if again else 'built'}")
+            reused = sum(built)
+            break
+        except InputError:
+            say("the drawn place is out of the arm's good reach; drawing another")
+    else:
+        raise InputError(f"seed {seed} gives no place within the arm's reach; choose another seed.")
+    return DemoPlan(config, cases, {"build_s": time.perf_counter() - began_s, "tables": len(cases), "reused": reused})
+
+
+def run_virtual(plan: DemoPlan, directory: Path, say: Say, *, workers: int = 2) -> list[CaseResult]:
+    """All grasps on virtual time, side by side over processes; the figures do not depend on how many."""
+    jobs = [
+        _Job(str(directory), case, index, compensated)
+        for case in plan.cases
+        for index, compensated in (("excursion", False), *((index, True) for index in INDICES))
+    ]
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+        traces = _run(pool, jobs, say)
+    results = []
+    for case in plan.cases:
+        without = traces[_Job(str(directory), case, "excursion", False)]
+        for index in INDICES:
+            grasp = {
+                "hand": "t42pp",
+                "preset": plan.config.hand.preset,
+                "object": case.scene.object,
+                "onset_split": case.onset_split,
+                "object_xyz_m": list(case.object_xyz_m),
+                "object_yaw_rad": case.object_yaw_rad,
+            }
+            default = index == plan.config.compensation.index
+            compensated = traces[_Job(str(directory), case, index, True)]
+            results.append(CaseResult(case.name, grasp, index, default, without, compensated))
+    return results
+
+
+def report(results: list[CaseResult], cycle: dict[str, Any], table: dict[str, Any], seed: int) -> dict[str, Any]:
+    """The demo's outcome in the form that programs rely on."""
+    return {
+        "seed": seed,
+        "cases": [result.as_json() for result in results],
+        "accepted": all(result.accepted for result in results if result.default),
+        "cycle": cycle,
+        "table": table,
+    }
+
+
+def write(results: list[CaseResult], outcome: dict[str, Any], directory: Path) -> None:
+    """Write report.json and motion.png."""
+    (directory / "report.json").write_bytes(msgspec.json.format(msgspec.json.encode(outcome), indent=2) + b"\n")
+    draw(results, directory / "motion.png")
+
+
+def _run(pool: Executor, jobs: list[_Job], say: Say) -> dict[_Job, Trace]:
+    futures: dict[_Job, Future[Trace]] = {job: pool.submit(_run_job, job) for job in jobs}
+    traces = {}
+    for job, future in futures.items():
+        traces[job] = future.result()
+        how = f"with compensation by {job.index}" if job.compensated else "without compensation"
+        motion = traces[job].motion
+        say(f"{job.case.name}, {how}: object moved {motion.peak_mm:.2f} mm, {motion.peak_deg:.2f}°")
+    return traces
+
+
+def _run_job(job: _Job) -> Trace:
+    """One run in a worker process."""
+    config = demo_config(Path(job.directory))
+    track = Track(configured_hand(config))
+    squeezed = run_case(config, job.case, track, index=job.index, compensated=job.compensated)
+    return trace(track, squeezed, config.T_wrist_hand)

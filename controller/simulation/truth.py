@@ -1,0 +1,97 @@
+"""What is really so in the simulated world; for the demo's report and for tests alone (an import contract holds it).
+
+Computed beside the physics on data of its own, so that looking changes nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.hand.parameters import Hand
+from controller.simulation.world import World
+
+
+@dataclass(frozen=True, eq=False)
+class WorldTruth:
+    """What is really so. Poses 4×4; fingers in the order right, left."""
+
+    time_ns: int
+    T_world_object: NDArray[np.float64]
+    T_world_wrist: NDArray[np.float64]
+    T_hand_object: NDArray[np.float64]
+    finger_joint_rad: NDArray[np.float64]
+    """Flexion from rest, (2, 2): finger, proximal and distal."""
+    tendon_excursion_m: NDArray[np.float64]
+    """Finger-side: what the joints took up, (2,)."""
+    tendon_tension_N: NDArray[np.float64]
+    contact_force_N: NDArray[np.float64]
+    """Normal force between each fingertip and the object, (2,)."""
+
+
+class WorldObserver:
+    """Looks at one world; `hand` gives the tendons' arms and stiffness."""
+
+    def __init__(self, world: World, hand: Hand) -> None:
+        self._world = world
+        self._parts = world.parts
+        self._model = self._parts.model
+        self._data = mujoco.MjData(self._model)
+        self._arms_m = np.array([finger.tendon_arm_m for finger in hand.fingers])
+        self._tendon_stiffness_N_per_m = np.array([finger.tendon_stiffness_N_per_m for finger in hand.fingers])
+
+    def object_pose(self) -> NDArray[np.float64]:
+        """T_world_object now, 4×4; cheaper than the whole truth."""
+        self._world.copy_state_to(self._data)
+        mujoco.mj_kinematics(self._model, self._data)
+        return _pose(self._data, self._parts.object_body)
+
+    def truth(self) -> WorldTruth:
+        """The true state now."""
+        parts, data = self._parts, self._data
+        self._world.copy_state_to(data)
+        mujoco.mj_forward(self._model, data)
+        T_world_hand = _pose(data, parts.hand_body)
+        T_world_object = _pose(data, parts.object_body)
+        joints = data.qpos[parts.finger].copy()
+        return WorldTruth(
+            time_ns=self._world.time_ns,
+            T_world_object=T_world_object,
+            T_world_wrist=_pose(data, parts.wrist_body),
+            T_hand_object=np.linalg.inv(T_world_hand) @ T_world_object,
+            finger_joint_rad=joints,
+            tendon_excursion_m=np.sum(self._arms_m * joints, axis=1),
+            tendon_tension_N=self._tension_N(),
+            contact_force_N=self._contact_force_N(),
+        )
+
+    def _tension_N(self) -> NDArray[np.float64]:
+        data, tendons = self._data, self._parts.tendon
+        tension_N = np.zeros(2)
+        stretch_m = np.maximum(data.ten_length[tendons], 0.0)
+        elastic = np.isfinite(self._tendon_stiffness_N_per_m)
+        tension_N[elastic] = self._tendon_stiffness_N_per_m[elastic] * stretch_m[elastic]
+        limits = data.efc_type == mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON
+        for finger in np.flatnonzero(~elastic):
+            tension_N[finger] = data.efc_force[limits & (data.efc_id == tendons[finger])].sum()
+        return tension_N
+
+    def _contact_force_N(self) -> NDArray[np.float64]:
+        data, force_N, wrench = self._data, np.zeros(2), np.zeros(6)
+        tips = self._parts.tip_geom.tolist()
+        for index, geoms in enumerate(data.contact.geom[: data.ncon].tolist()):
+            for finger, tip in enumerate(tips):
+                if tip in geoms:
+                    mujoco.mj_contactForce(self._model, data, index, wrench)
+                    force_N[finger] += wrench[0]
+        return force_N
+
+
+def _pose(data: mujoco.MjData, body: int) -> NDArray[np.float64]:
+    pose = np.eye(4)
+    pose[:3, :3] = data.xmat[body].reshape(3, 3)
+    pose[:3, 3] = data.xpos[body]
+    return pose
