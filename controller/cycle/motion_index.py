@@ -28,6 +28,7 @@ class IndexSettings:
     load: ObserverSettings = ObserverSettings(lag_s=0.02, bandwidth_rad_s=8.0)
     winding_rate_m_s: float = 6.5e-4  # just above what the load law calls holding
     contact_zone_m: float = 1.2e-3  # as the grasp's own
+    resolution_m: float = 1.7e-5  # one motor tick on the spool
     excursion_deviation_m: float = 5e-5
     load_deviation_N: float = 3.0
 
@@ -124,8 +125,9 @@ class MotionIndex:
     def take(self, hand: HandState, sample_ns: int, now_ns: int, *, winding: bool) -> None:
         """Correct by a sample of the hand."""
         mean_m, difference_m = self._measured(hand)
-        self._mean.correct(mean_m, sample_ns, now_ns)
-        self._difference.correct(difference_m, sample_ns, now_ns)
+        resolution_m = 0.0 if winding else self._settings.resolution_m
+        self._mean.correct(mean_m, sample_ns, now_ns, resolution_m=resolution_m)
+        self._difference.correct(difference_m, sample_ns, now_ns, resolution_m=resolution_m)
         # Where a motor has not begun to turn, friction hides its load (dynamixel reference 3.3).
         turning = min(hand.rate_m_s) > self._settings.winding_rate_m_s
         if winding and turning and self._onset_shift_N is not None:

@@ -173,8 +173,12 @@ class IndexObserver:
             self._model_acceleration_m_s2,
         )
 
-    def correct(self, measured_m: float, sample_ns: int, now_ns: int) -> None:
-        """Take in a new sample, measured at `sample_ns`; a sample seen before changes nothing."""
+    def correct(self, measured_m: float, sample_ns: int, now_ns: int, *, resolution_m: float = 0.0) -> None:
+        """Take in a new sample, measured at `sample_ns`; a sample seen before changes nothing.
+
+        Deviations within `resolution_m` change nothing either: a standing motor shows the same tick whatever lies in it,
+        where a moving one shows the truth on average.
+        """
         if self._last_sample_ns is not None and sample_ns <= self._last_sample_ns:
             return
         interval_s = 0.0 if self._last_sample_ns is None else min((sample_ns - self._last_sample_ns) * 1e-9, 0.01)
@@ -182,5 +186,6 @@ class IndexObserver:
         index = self.state
         expected_m = index.position_m - index.rate_m_s * (now_ns - sample_ns) * 1e-9
         error_m = measured_m - expected_m
+        error_m -= min(max(error_m, -resolution_m), resolution_m)
         self._residual_m += min(self._alpha_rate * interval_s, 0.5) * error_m
         self._residual_rate_m_s += min(self._beta_rate * interval_s, 10.0) * error_m

@@ -272,7 +272,11 @@ class Daemon:
         if not self._lost_ns:
             self._lost_ns = now_ns
             notify("STOPPING=1\nSTATUS=the cycle is lost")
-            self._children["cycle"].kill()  # one that only hung must not come back to an arm that others were told of
+            cycle = self._children["cycle"]
+            if cycle.gone:
+                cycle.wait(0.1)
+                self._say(f"the cycle process: {cycle.fate()}")
+            cycle.kill()  # one that only hung must not come back to an arm that others were told of
         over = now_ns - self._lost_ns > nanoseconds(TOLD_FOR_S) or stop.received is not None
         return 1 if over else None
 

@@ -12,13 +12,17 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
+import typer
+from rich.console import Console
+from rich.table import Table
 
 from controller.config import RobotConfig, load_config
 from controller.service.assembly import configured_hand
 from controller.simulation.demo_cases import GraspCase, approach_joints, case_table, demo_cases, run_case
+from controller.simulation.demo_realtime import run_in_real_time
 from controller.simulation.demo_report import CaseResult, Trace, Track, draw, trace
 from drivers.errors import InputError
 
@@ -134,3 +138,70 @@ def _run_job(job: _Job) -> Trace:
     track = Track(configured_hand(config))
     squeezed = run_case(config, job.case, track, index=job.index, compensated=job.compensated)
     return trace(track, squeezed, config.T_wrist_hand)
+
+
+def demo(
+    seed: Annotated[int, typer.Option(min=0, help="Draws the third grasp; printed, so that it can be repeated.")] = 1,
+    output: Annotated[Path, typer.Option(help="Where tables, report and pictures go.")] = Path("build/demo"),
+    workers: Annotated[int, typer.Option(min=1, max=64, help="Processes for the runs on virtual time.")] = 2,
+    real_time: Annotated[bool, typer.Option(help="Also run one grasp in real time, for the timing figures.")] = True,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the report as one JSON object.")] = False,
+) -> None:
+    """Grip an object and keep it still in the room, all on simulated hardware: tables, grasps, figures.
+
+    Writes report.json, motion.png and run.mcap. Motion figures come from virtual time and are the same on any machine.
+    """
+    told = Console(stderr=True)
+    began_s = time.perf_counter()
+
+    def say(text: str) -> None:
+        told.print(f"[dim]{time.perf_counter() - began_s:5.1f} s[/dim]  {text}", highlight=False)
+
+    say(f"seed {seed}")
+    output.mkdir(parents=True, exist_ok=True)
+    plan = prepare(output, seed, say)
+    results = run_virtual(plan, output, say, workers=workers)
+    cycle: dict[str, Any] = {}
+    if real_time:
+        cycle = run_in_real_time(plan.config, plan.cases[0], output / "run.mcap", say)
+    outcome = report(results, cycle, plan.table, seed)
+    write(results, outcome, output)
+    say(f"wrote {output / 'report.json'}, {output / 'motion.png'}" + (f", {output / 'run.mcap'}" if real_time else ""))
+    if as_json:
+        print(msgspec.json.encode(outcome).decode())
+    else:
+        Console().print(_motion_table(results))
+        Console().print(_summary(outcome), highlight=False)
+    if not outcome["accepted"]:
+        raise typer.Exit(1)
+
+
+def _motion_table(results: list[CaseResult]) -> Table:
+    table = Table(title="Object motion in the room: peak (RMS)", title_justify="left")
+    for column in ("grasp", "index", "without, mm", "with, mm", "left", "without, °", "with, °", "≤ 10 %"):
+        table.add_column(column, justify="left" if column in ("grasp", "index") else "right")
+    for result in results:
+        without, left = result.without.motion, result.compensated.motion
+        table.add_row(
+            result.name,
+            result.index + (" (default)" if result.default else ""),
+            f"{without.peak_mm:.2f} ({without.rms_mm:.2f})",
+            f"{left.peak_mm:.2f} ({left.rms_mm:.2f})",
+            f"{result.left_percent:.1f} %",
+            f"{without.peak_deg:.2f} ({without.rms_deg:.2f})",
+            f"{left.peak_deg:.2f} ({left.rms_deg:.2f})",
+            "yes" if result.accepted else "no",
+        )
+    return table
+
+
+def _summary(outcome: dict[str, Any]) -> str:
+    table, cycle = outcome["table"], outcome["cycle"]
+    lines = [f"{table['tables']} motion tables in {table['build_s']:.1f} s, {table['reused']} of them reused"]
+    if cycle:
+        cpu, late = cycle["cpu_us"], cycle["late_us"]
+        lines.append(
+            f"real time on this machine: {cycle['periods']} periods, {cycle['missed']} missed; processor time "
+            f"{cpu['p50']:.0f} µs median, {cpu['p99']:.0f} µs p99; late {late['p50']:.0f} µs median, {late['p99']:.0f} µs p99"
+        )
+    return "\n".join(lines)
