@@ -1,0 +1,36 @@
+"""What the system tests share: an installation of their own, with small motion tables built once."""
+
+from __future__ import annotations
+
+import pytest
+
+from calibration.build import build_table
+from calibration.grasp.specification import GraspSpec
+from calibration.objects import load_object
+from controller.config import RobotConfig, load_config
+from controller.service.assembly import configured_hand
+from controller.simulation.demo_cases import OBJECT, GraspCase, demo_cases, table_name
+
+
+@pytest.fixture(scope="session")
+def symmetric_case() -> GraspCase:
+    """The demo's symmetric grasp."""
+    return demo_cases(0)[0]
+
+
+@pytest.fixture(scope="session")
+def split_case() -> GraspCase:
+    """The demo's grasp with a 10 % onset split: it turns the object."""
+    return demo_cases(0)[1]
+
+
+@pytest.fixture(scope="session")
+def config(tmp_path_factory: pytest.TempPathFactory, symmetric_case: GraspCase, split_case: GraspCase) -> RobotConfig:
+    """The default installation with the tables of both cases on its shelf, 21 nodes each."""
+    directory = tmp_path_factory.mktemp("tables")
+    config = load_config(overrides={"tables": {"directory": str(directory)}})
+    for case in (symmetric_case, split_case):
+        grasp = GraspSpec(onset_split=case.onset_split)
+        table = build_table(configured_hand(config), load_object(OBJECT), grasp, nodes=21)
+        table.save(directory / f"{table_name(case)}.npz")
+    return config
