@@ -202,6 +202,8 @@ def status(endpoint: Endpoint = None, config: Config = None, as_json: AsJson = F
         print("starting: no cycle has run yet")
         return
     arm, hand, grasp, compensation, cycle = (state[name] for name in ("arm", "hand", "grasp", "compensation", "cycle"))
+    if told_status["cycle_lost"]:
+        print(f"what follows is {told_status['state_age_s']:.1f} s old")
     joints = " ".join(f"{angle:.3f}" for angle in arm["joint_rad"])
     switched = "on" if compensation["enabled"] else "off"
     print(f"arm           {arm['state']}, joints {joints} rad")

@@ -15,7 +15,7 @@ from controller.cycle.safety import SafetyLimits, SafetyMonitor
 from controller.messages import CommandKind, CycleCommand
 from controller.service.assembly import cycle_parts
 from controller.service.assignment import Assignment
-from controller.service.beginning import wait_for_go
+from controller.service.beginning import find, wait_for_go
 from controller.service.lifeline import Lifeline, Word
 from controller.service.links import (
     LatestReader,
@@ -33,7 +33,7 @@ from drivers.wam.bus import PythonCanBus, open_can
 
 LONGEST_STOP_S = 5.0
 """A cycle that cannot come to rest, because its bus is dead, does not stay behind."""
-SIMULATED_SILENT_CYCLES = 50
+SIMULATED_SILENT_CYCLES = 150
 """Of missing position replies: a simulated arm on a shared machine may stand still for longer than a real one."""
 
 
@@ -64,7 +64,7 @@ def run_cycle(assignment: Assignment, lifeline: Lifeline, stop: StopRequests) ->
     try:
         parts = _parts(config, bus, clock, assignment.simulated)
         cycle = Cycle(clock, links, parts, processor_time_ns=time.thread_time_ns)
-        cycle.start()
+        find(cycle.start, assignment.simulated)
         report = _enter_realtime(config, assignment.simulated)
         for step in report.refused:
             lifeline.say(Word.SAID, f"the cycle runs without {step.name}: {step.detail}")

@@ -23,6 +23,7 @@ from controller.cycle.grasp_state import ArmState
 from controller.messages import Reason
 from controller.service.assembly import configured_hand
 from controller.service.assignment import SceneChoice
+from controller.service.beginning import find
 from controller.service.command_socket import CommandSocket
 from controller.service.front import HEARTBEAT_S, Front, FrontLinks, Outlets
 from controller.service.lifeline import Word
@@ -161,7 +162,8 @@ class Daemon:
         self._begun = True
         arm = self._config.arm
         self._guard_bus = open_can(arm.interface, arm.channel, self._clock, filters=SAFETY_FILTERS)
-        firmware = SafetyPuck(self._guard_bus, self._clock).get("VERS")
+        puck = SafetyPuck(self._guard_bus, self._clock)
+        firmware = find(lambda: puck.get("VERS"), self._choices.simulated)
         self._guard = Guard(self._guard_bus, self._clock, firmware)
         self._children["hand"].begin()
         self._children["cycle"].begin()

@@ -95,6 +95,7 @@ class Front:
         self._clients: dict[Address, None] = {}  # in order of their coming: events go out in the same order every time
         self._next_token = 1
         self._record: dict[str, Any] | None = None
+        self._record_ns = 0
         self._last_step_ns = 0
         self._silence_ns = 0
         self._heartbeat_ns = nanoseconds(heartbeat_s)
@@ -119,10 +120,11 @@ class Front:
                 self.busy = False
                 break
             self._serve(*received, now_ns)
+        cycle_gone = self._links.events.closed  # asked before reading: its last words were said before it went
         while (message := self._links.events.receive()) is not None:
             self._on_event(CycleEvent.unpack(message.payload), now_ns)
         self._take_records(now_ns)
-        self._watch(now_ns)
+        self._watch(now_ns, cycle_gone)
 
     @property
     def record(self) -> dict[str, Any] | None:
@@ -174,8 +176,13 @@ class Front:
             }
         if isinstance(command, asked.Status):
             state = {} if self._record is None else state_map(self._record)
-            lost = {"cycle_lost": self.cycle_lost, "hand_lost": self.hand_lost}
-            return {"state": state, "table": self._planner.table_name, **lost}
+            return {
+                "state": state,
+                "state_age_s": (self._clock.now_ns() - self._record_ns) * 1e-9 if state else None,
+                "table": self._planner.table_name,
+                "cycle_lost": self.cycle_lost,
+                "hand_lost": self.hand_lost,
+            }
         if isinstance(command, asked.TableList):
             return {"tables": self._shelf.listing()}
         return None
@@ -270,14 +277,14 @@ class Front:
 
     def _take_records(self, now_ns: int) -> None:
         for payload, sample_ns in self._links.records.new_values():
-            self._record, self._silence_ns = CYCLE_RECORD.read(payload), 0
+            self._record, self._record_ns, self._silence_ns = CYCLE_RECORD.read(payload), sample_ns, 0
             if self._out.recorder is not None:
                 self._out.recorder.record_cycle(self._record, sample_ns)
         if self._out.publisher is not None and self._record is not None and now_ns >= self._next_state_ns:
             self._next_state_ns = max(self._next_state_ns + self._state_period_ns, now_ns)
             self._out.publisher.publish(state_map(self._record), self._out.wall_time_s())
 
-    def _watch(self, now_ns: int) -> None:
+    def _watch(self, now_ns: int, cycle_gone: bool) -> None:
         """Deadlines of requests, and the cycle's heartbeat."""
         for token, running in list(self._running.items()):
             if running.deadline_ns is not None and now_ns > running.deadline_ns:
@@ -290,9 +297,8 @@ class Front:
         self._last_step_ns = now_ns
         if self.stopped or self.cycle_lost or self._record is None:
             return
-        dead = self._links.events.closed
-        if dead or self._silence_ns > self._heartbeat_ns:
-            self._idle_the_arm("The cycle process has died." if dead else "The cycle sends no heartbeat.", now_ns)
+        if cycle_gone or self._silence_ns > self._heartbeat_ns:
+            self._idle_the_arm("The cycle process has died." if cycle_gone else "The cycle sends no heartbeat.", now_ns)
 
     def _idle_the_arm(self, why: str, now_ns: int) -> None:
         done = self._out.idle_arm() if self._out.idle_arm is not None else "nothing can be done from here"

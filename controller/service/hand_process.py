@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from controller.service.assembly import hand_settings, tendon_motors
 from controller.service.assignment import Assignment
-from controller.service.beginning import wait_for_go
+from controller.service.beginning import find, wait_for_go
 from controller.service.hand import HandPart
 from controller.service.lifeline import Lifeline, Word
 from controller.service.links import LatestReader, LatestSender, SocketLink
@@ -41,7 +41,7 @@ def run_hand(assignment: Assignment, lifeline: Lifeline, stop: StopRequests) -> 
         port = WaitingPort(line, clock, baud=tendons.baud, reply_margin_s=margin_s)
         pair = TendonPair(port, clock, tendon_motors(config))
         hand = HandPart(clock, pair, LatestReader(cycle), LatestSender(cycle), hand_settings(config))
-        hand.start()
+        find(hand.start, assignment.simulated)
         priority = config.cycle.priority - _BELOW_CYCLE
         enter_realtime(RealtimeSettings(priority=priority if priority > 0 else None, freeze_garbage=True))
         lifeline.say(Word.READY)

@@ -15,7 +15,7 @@ from controller.simulation.stepped_clock import SteppedClock
 from drivers.clock import nanoseconds
 
 PHYSICS_DEADLINE_NS = nanoseconds(0.001)
-DELIVERY_NS = nanoseconds(0.0)
+DELIVERY_NS = nanoseconds(0.00015)
 """Frames that end on the wire within this time of each other are delivered together, as an adapter would: to wake for
 each of a CAN bus at half load would cost half a processor."""
 _SAYING_PERIOD_NS = nanoseconds(10.0)
