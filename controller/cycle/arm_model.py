@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from math import isfinite, tanh
+from math import isfinite
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np

@@ -4,8 +4,8 @@
     wrist      it moves along a straight line with a turn about one axis, jerk-limited
     joints     the joints move together along a straight line in joint space; only while no object is compensated
 
-The command never jumps: it starts at the measured pose on activation and every path begins and ends at rest. Stopping is
-the path's own time coming to rest (`path_time.py`).
+The command never jumps: it starts at the measured pose on activation and every path begins and ends at rest. Stopping
+is the path's own time coming to rest (`path_time.py`).
 """
 
 from __future__ import annotations

@@ -63,9 +63,9 @@ class OffsetLimits:
 class OffsetSmoother:
     """Follows the wanted hand offset within velocity, acceleration and jerk limits (Ruckig, three numbers).
 
-    Ruckig plans to *reach* a state; a target that moves on would make it slow down first, to pass through the state just
-    behind it, and fall back by tenths of a millimetre. So it plans the *deviation* from the target to rest at zero, in axes
-    that move with the target, with what the target's own motion leaves of the limits.
+    Ruckig plans to *reach* a state; a target that moves on would make it slow down first, to pass through the state
+    just behind it, and fall back by tenths of a millimetre. So it plans the *deviation* from the target to rest at
+    zero, in axes that move with the target, with what the target's own motion leaves of the limits.
     """
 
     def __init__(self, period_s: float, limits: OffsetLimits) -> None:

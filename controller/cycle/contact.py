@@ -1,9 +1,10 @@
 """When a finger touches: where the free-closing line and the loaded line of load against excursion meet.
 
-A compliant hand does not stall at contact: its load only grows more steeply. Per finger, a line is fitted to the samples
-of free closing (its slope is known from the joint springs; its offset holds the constant part of the gear friction). Once
-the load stands clearly above that line, every further sample points back along the loaded slope to the meeting of the two
-lines, the excursion of first contact. The motion table gates the result: contact is expected near its contact excursion.
+A compliant hand does not stall at contact: its load only grows more steeply. Per finger, a line is fitted to the
+samples of free closing (its slope is known from the joint springs; its offset holds the constant part of the gear
+friction). Once the load stands clearly above that line, every further sample points back along the loaded slope to
+the meeting of the two lines, the excursion of first contact. The motion table gates the result: contact is expected
+near its contact excursion.
 """
 
 from __future__ import annotations

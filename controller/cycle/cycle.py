@@ -1,8 +1,8 @@
 """The 2 ms cycle, top to bottom.
 
-What may be touched where: `orders.py` decides what a command does, `grasping.py` how the hand winds and where the object
-goes, `arm_motion.py` where the arm is commanded to be, `safety.py` what ends it all. Here they only take turns. Nothing in
-this file or below it logs, starts a thread, or waits for anything but the bus.
+What may be touched where: `orders.py` decides what a command does, `grasping.py` how the hand winds and where the
+object goes, `arm_motion.py` where the arm is commanded to be, `safety.py` what ends it all. Here they only take
+turns. Nothing in this file or below it logs, starts a thread, or waits for anything but the bus.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The life of a grasp, as pure functions: no I/O, no clock.
 
-    none → prepositioned → closing → contact → squeezing → holding ⇄ carrying → releasing → none
-    closing → prepositioned (time-out, one-sided contact)      any gripping phase → fault → (fault.clear) → holding or none
+    none → prepositioned → closing → contact → squeezing → holding ⇄ carrying → releasing → none closing →
+    prepositioned (time-out, one-sided contact)      any gripping phase → fault → (fault.clear) → holding or none
 
 Arm, hand and grasp are three fields, not one: an idle arm may well hold an object.
 """

@@ -1,9 +1,8 @@
 """The grasp in the cycle: it winds the tendons, finds contact, and says where the object is going in the hand.
 
-The winding coordinate w is the mean excursion since the contact that the motion table expects, negative before it. Both
-fingers come into the contact zone together, each by its own share of its own way; in it and from contact on both wind at
-equal rate.
-When either motor reaches its load cap, or the table its end, both stop and hold their excursions.
+The winding coordinate w is the mean excursion since the contact that the motion table expects, negative before it.
+Both fingers come into the contact zone together, each by its own share of its own way; in it and from contact on both
+wind at equal rate. When either motor reaches its load cap, or the table its end, both stop and hold their excursions.
 """
 
 from __future__ import annotations
@@ -43,10 +42,10 @@ class GraspSettings:
     release_rate_m_s: float = 0.010
     load_cap_N: float = 110.0
     free_load_cap_N: float = 60.0  # while closing nothing should resist; also the cap of an open hand
-    winding: WindingLimits = WindingLimits()
-    drive: MotorDrive = MotorDrive()
-    contact: ContactSettings = ContactSettings()
-    index: IndexSettings = IndexSettings()
+    winding: WindingLimits = field(default_factory=WindingLimits)
+    drive: MotorDrive = field(default_factory=MotorDrive)
+    contact: ContactSettings = field(default_factory=ContactSettings)
+    index: IndexSettings = field(default_factory=IndexSettings)
 
 
 @dataclass

@@ -1,16 +1,16 @@
 """Where in the motion table the grasp is now: by excursion, by motor load, or by both.
 
-*Excursion*: both spool excursions less tendon stretch, less the excursion of first contact.
-*Load*: the mean load's rise since contact *while winding*, because the motors' constant gear friction cancels in it; when
-winding stops it is latched and moves again only with measured excursion.
-*Fused*: the object motion of both, weighted by the inverse of their variances.
+*Excursion*: both spool excursions less tendon stretch, less the excursion of first contact. *Load*: the mean load's
+rise since contact *while winding*, because the motors' constant gear friction cancels in it; when winding stops it is
+latched and moves again only with measured excursion. *Fused*: the object motion of both, weighted by the inverse of
+their variances.
 
 Either way the commanded profile, through the identified motor lag, carries the index; measured samples only correct it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from calibration.motion_table import Status
@@ -24,8 +24,8 @@ from controller.messages import CompensationIndex, HandState, Pair
 class IndexSettings:
     """How the index is observed, and how far each kind is trusted (standard deviations)."""
 
-    excursion: ObserverSettings = ObserverSettings(lag_s=0.02, bandwidth_rad_s=25.0)
-    load: ObserverSettings = ObserverSettings(lag_s=0.02, bandwidth_rad_s=8.0)
+    excursion: ObserverSettings = field(default_factory=ObserverSettings)
+    load: ObserverSettings = field(default_factory=lambda: ObserverSettings(bandwidth_rad_s=8.0))
     winding_rate_m_s: float = 6.5e-4  # just above what the load law calls holding
     contact_zone_m: float = 1.2e-3  # as the grasp's own
     resolution_m: float = 1.7e-5  # one motor tick on the spool

@@ -1,8 +1,8 @@
 """Time along a path, which the governor and a stop can slow down without a corner.
 
 A path is planned once, jerk-limited, as a function of its own time τ. The cycle moves τ by speed · period; the speed
-follows the wanted throttle with a limited slope. So position, velocity and acceleration stay continuous, the path is never
-left, and a stop *along the path* is nothing but a throttle of 0.
+follows the wanted throttle with a limited slope. So position, velocity and acceleration stay continuous, the path is
+never left, and a stop *along the path* is nothing but a throttle of 0.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """The motion table as the cycle reads it: plain numbers of a planar hand with two tendons.
 
-With three numbers a pose, plain floats are quicker than arrays; everything the cycle needs of a sample is unpacked once.
+With three numbers a pose, plain floats are quicker than arrays; everything the cycle needs of a sample is unpacked
+once.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ STATUS_NUMBERS = {status: number for number, status in enumerate(Status)}
 
 
 class PlanarSample(NamedTuple):
-    """Object pose (x, y, θ) in the hand, its slopes along both index axes, both tendon loads and their mean's slope along
-    the first axis."""
+    """Object pose (x, y, θ) in the hand with its slopes along both index axes; both tendon loads, and the slope of their
+    mean along the first axis."""
 
     status: Status
     pose: Vector3
@@ -92,8 +93,8 @@ def _compliance(finger: dict[str, object]) -> float:
 def finger_excursion_m(table: PlanarTable, finger: int, winding_m: float, contact_zone_m: float) -> float:
     """Finger-side excursion of one finger (0 right, 1 left) at a winding coordinate, m.
 
-    From `contact_zone_m` before contact on both fingers wind at equal rate; before that each covers its own way from the
-    open hand, so that both enter the zone together.
+    From `contact_zone_m` before contact on both fingers wind at equal rate; before that each covers its own way from
+    the open hand, so that both enter the zone together.
     """
     contact_m = table.contact_excursion_m[finger]
     if winding_m >= -contact_zone_m:

@@ -1,7 +1,7 @@
 """Limits and plausibility: what ends a motion, as pure checks over numbers the cycle has anyway.
 
-Each check answers `Reason.NONE` or the reason to stop; what is done about it is the cycle's business: the hand freezes both
-excursions, the arm stops along its path and holds, or goes idle if it cannot.
+Each check answers `Reason.NONE` or the reason to stop; what is done about it is the cycle's business: the hand
+freezes both excursions, the arm stops along its path and holds, or goes idle if it cannot.
 """
 
 from __future__ import annotations
@@ -98,8 +98,8 @@ def governor(
 ) -> float:
     """Fraction of the winding rate that the arm can bear, 0 to 1.
 
-    `lag_m` is how far the arm's offset is behind, `scale` the inverse kinematics' own s, `object_speed_m_s` the speed at
-    which full-rate winding would move the object in the hand.
+    `lag_m` is how far the arm's offset is behind, `scale` the inverse kinematics' own s, `object_speed_m_s` the speed
+    at which full-rate winding would move the object in the hand.
     """
     by_lag = min(max((stop_m - lag_m) / (stop_m - free_m), 0.0), 1.0)
     by_speed = 1.0 if object_speed_m_s <= speed_limit_m_s else speed_limit_m_s / object_speed_m_s

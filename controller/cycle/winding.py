@@ -176,8 +176,8 @@ class IndexObserver:
     def correct(self, measured_m: float, sample_ns: int, now_ns: int, *, resolution_m: float = 0.0) -> None:
         """Take in a new sample, measured at `sample_ns`; a sample seen before changes nothing.
 
-        Deviations within `resolution_m` change nothing either: a standing motor shows the same tick whatever lies in it,
-        where a moving one shows the truth on average.
+        Deviations within `resolution_m` change nothing either: a standing motor shows the same tick whatever lies in
+        it, where a moving one shows the truth on average.
         """
         if self._last_sample_ns is not None and sample_ns <= self._last_sample_ns:
             return

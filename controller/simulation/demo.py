@@ -1,7 +1,7 @@
 """`stillgrasp demo`: the main job on simulated hardware, with its figures.
 
-Three grasps, each without compensation and with it by each index, on virtual time: the same figures on any machine. Then one
-of them in real time, as a user would run it, for the timing figures, which describe the machine.
+Three grasps, each without compensation and with it by each index, on virtual time: the same figures on any machine.
+Then one of them in real time, as a user would run it, for the timing figures, which describe the machine.
 """
 
 from __future__ import annotations
@@ -202,6 +202,7 @@ def _summary(outcome: dict[str, Any]) -> str:
         cpu, late = cycle["cpu_us"], cycle["late_us"]
         lines.append(
             f"real time on this machine: {cycle['periods']} periods, {cycle['missed']} missed; processor time "
-            f"{cpu['p50']:.0f} µs median, {cpu['p99']:.0f} µs p99; late {late['p50']:.0f} µs median, {late['p99']:.0f} µs p99"
+            f"{cpu['p50']:.0f} µs median, {cpu['p99']:.0f} µs p99; "
+            f"late {late['p50']:.0f} µs median, {late['p99']:.0f} µs p99"
         )
     return "\n".join(lines)

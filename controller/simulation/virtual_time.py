@@ -1,9 +1,9 @@
 """Virtual time: the same parts in one process, in discrete-event order.
 
-Each part has its own clock and is stepped when its next moment comes; ties are broken by a fixed rank. Within a step a part
-may wait (on its bus, say): its own clock then runs ahead, and it is not stepped again before that moment. A bus transaction
-is atomic at its start, and its result becomes visible when the wire would have delivered it. Nothing asks the machine for
-the time, so a run gives the same bytes twice, however loaded the machine is.
+Each part has its own clock and is stepped when its next moment comes; ties are broken by a fixed rank. Within a step
+a part may wait (on its bus, say): its own clock then runs ahead, and it is not stepped again before that moment. A
+bus transaction is atomic at its start, and its result becomes visible when the wire would have delivered it. Nothing
+asks the machine for the time, so a run gives the same bytes twice, however loaded the machine is.
 """
 
 from __future__ import annotations
