@@ -11,10 +11,12 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import json
+import signal
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
@@ -37,15 +39,21 @@ class Mounted(NamedTuple):
     module: str
     attribute: str
     help: str
+    example: str = ""
+    """For a function; a group has its own."""
 
 
 MOUNTED = {
-    "demo": Mounted("controller.simulation.demo", "demo", "Show it all: tables, grasps, figures (90 s)."),
+    "demo": Mounted(
+        "controller.simulation.demo", "demo", "Show it all: tables, grasps, figures (90 s).", "stillgrasp demo --json"
+    ),
     "simulate": Mounted("controller.simulation.device_commands", "app", "Run one simulated device alone."),
     "table": Mounted(
         "controller.table_commands", "app", "Build and inspect motion tables: where a squeezed object goes in the hand."
     ),
-    "bench": Mounted("controller.bench", "bench", "Measure the cycle's processor time, stage by stage."),
+    "bench": Mounted(
+        "controller.bench", "bench", "Measure the cycle's processor time, stage by stage.", "stillgrasp bench"
+    ),
 }
 
 
@@ -58,9 +66,16 @@ class Pendant(StrEnum):
 
 def main() -> None:
     """Entry point of the console script."""
-    app = build_app(sys.argv[1:])
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _interrupted)
     with told():
+        app = build_app(sys.argv[1:])
         app()
+
+
+def _interrupted(number: int, frame: FrameType | None) -> None:
+    """Ctrl-C in a command that has nothing to put in order first."""
+    raise SystemExit(128 + number)
 
 
 def build_app(arguments: Sequence[str]) -> typer.Typer:
@@ -91,7 +106,7 @@ def build_app(arguments: Sequence[str]) -> typer.Typer:
         if isinstance(found, typer.Typer):
             app.add_typer(found, name=name)
         else:
-            app.command(name)(found)
+            app.command(name, epilog=f"Example: {mounted.example}")(found)
     return app
 
 
@@ -101,7 +116,7 @@ def _elsewhere() -> None:
 
 @contextlib.contextmanager
 def told() -> Iterator[None]:
-    """Print an error of ours as one message and leave with its exit code; a keyboard interrupt leaves with 130."""
+    """Print an error of ours as one message and leave with its exit code."""
     try:
         yield
     except StillgraspError as error:
@@ -110,8 +125,6 @@ def told() -> Iterator[None]:
         refused = isinstance(error, InputError) and not from_daemon
         say(str(error))
         raise SystemExit(REFUSED if refused else FAILED) from error
-    except KeyboardInterrupt:
-        raise SystemExit(130) from None
 
 
 def say(text: str) -> None:

@@ -35,7 +35,7 @@ class _Trajectory(Protocol):
 
 @dataclass(frozen=True)
 class ArmMotionLimits:
-    """Limits of commanded paths at full speed (WAM reference 5.3, 5.4: libbarrett's defaults are 0.5 rad/s, 0.1 m/s)."""
+    """Limits of commanded paths at full speed (WAM reference 5.4: libbarrett's defaults are 0.5 rad/s and 0.1 m/s)."""
 
     joint_velocity_rad_s: tuple[float, ...] = (0.75, 0.75, 1.0, 1.0, 1.5, 1.5, 1.5)
     joint_acceleration_rad_s2: tuple[float, ...] = (1.5, 1.5, 2.0, 2.0, 3.0, 3.0, 3.0)
@@ -78,13 +78,19 @@ class ArmMotion:
         self._target = np.eye(4)
         self._twist = np.zeros(6)
 
-    def place(self, joint_rad: Array) -> None:
-        """Command standing at `joint_rad` (7, rad), as measured; forget any path."""
+    def place(self, joint_rad: Array, offset: PlanarMotion = STILL) -> None:
+        """Command standing at `joint_rad` (7, rad), as measured; forget any path. The measured pose holds the hand's
+        present `offset` already: the plan is what lies beneath it."""
         self._joint_path = self._wrist_path = None
         self.joint_rad[:] = joint_rad
         self.joint_velocity_rad_s[:] = 0.0
         self.joint_acceleration_rad_s2[:] = 0.0
-        self.T_world_wrist_plan = self._model.wrist_pose(joint_rad)
+        T_world_wrist = self._model.wrist_pose(joint_rad)
+        if offset is not STILL:
+            R_offset, t_offset = self._offset.pose(offset)
+            T_world_wrist[:3, :3] = T_world_wrist[:3, :3] @ R_offset.T
+            T_world_wrist[:3, 3] -= T_world_wrist[:3, :3] @ t_offset
+        self.T_world_wrist_plan = T_world_wrist
         self._kinematics.set_posture(joint_rad)
         self.scale = 1.0
 

@@ -24,6 +24,7 @@ class ContactSettings:
     break_away_m: float = 1e-3  # of winding from the start, in which stiction is overcome
     settle_m: float = 0.4e-3  # of slow winding before the free line is fitted: slowing down shakes the load too
     samples: int = 4  # above it in a row
+    free_samples: int = 10  # of slow winding before the free line is known
     gate_m: float = 1.5e-3  # contact further than this from the table's is not this grasp
     table_deviation_m: float = 5e-5  # standard deviation of the table's own contact excursion (spool zero, object size)
     load_deviation_m: float = 1.5e-4  # of the one found: a support that drags on the object adds some 2 N of load
@@ -96,12 +97,13 @@ class FingerContact:
         settling = self._start_m is None or excursion_m - self._start_m < settings.settle_m
         excursion_m, residual_N = self._smooth(excursion_m, residual_N)
         rise_N = residual_N - self._offset_N
-        threshold_N = settings.early_rise_N if settling else settings.rise_N
+        unknown = self._count < settings.free_samples
+        threshold_N = settings.early_rise_N if settling or unknown else settings.rise_N
         breaking_away = excursion_m - self._first_m < settings.break_away_m
         self._above = self._above + 1 if rise_N >= threshold_N and not breaking_away else 0
         if self._above >= settings.samples:
             self._point_back(excursion_m, rise_N)
-        elif not settling and self._above == 0 and to_contact_m < -settings.clear_m:
+        elif not settling and (unknown or (self._above == 0 and to_contact_m < -settings.clear_m)):
             self._fit(residual_N)
         if self.touch is Touch.FREE and to_contact_m > settings.gate_m:
             self.touch = Touch.MISSED

@@ -171,7 +171,7 @@ class Cycle:
             self._change_arm_state(state)
         if state is not ArmState.ACTIVE:
             if self._sample is not None:
-                parts.motion.place(self._sample.joint_rad)
+                parts.motion.place(self._sample.joint_rad, parts.smoother.motion)
             return
         was_moving = parts.motion.moving
         parts.motion.step(parts.smoother.motion, 0.0 if parts.orders.stopping else 1.0)
@@ -218,7 +218,7 @@ class Cycle:
         was_active = orders.arm_state is ArmState.ACTIVE
         orders.arm_state = state
         if state is ArmState.ACTIVE and self._sample is not None:
-            parts.motion.place(self._sample.joint_rad)
+            parts.motion.place(self._sample.joint_rad, parts.smoother.motion)
             parts.control.reset(self._sample.joint_rad, self._sample.sample_ns)
             parts.safety.reset()
         elif was_active and not orders.shutting_down:

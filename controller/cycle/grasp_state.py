@@ -1,7 +1,8 @@
 """The life of a grasp, as pure functions: no I/O, no clock.
 
-    none → prepositioned → closing → contact → squeezing → holding ⇄ carrying → releasing → none closing →
-    prepositioned (time-out, one-sided contact)      any gripping phase → fault → (fault.clear) → holding or none
+    none → prepositioned → closing → contact → squeezing → holding ⇄ carrying → releasing → none
+    closing → prepositioned (time-out, one-sided contact, stop)
+    any gripping phase → fault → (fault.clear) → holding or none
 
 Arm, hand and grasp are three fields, not one: an idle arm may well hold an object.
 """
@@ -67,7 +68,7 @@ COMPENSATED: Final = frozenset(
     {GraspPhase.CLOSING, GraspPhase.CONTACT, GraspPhase.SQUEEZING, GraspPhase.HOLDING, GraspPhase.CARRYING}
     | {GraspPhase.RELEASING}
 )
-GRIPPING: Final = frozenset(COMPENSATED - {GraspPhase.CLOSING} | {GraspPhase.FAULT})
+GRIPPING: Final = frozenset(COMPENSATED - {GraspPhase.CLOSING})
 
 _P, _E = GraspPhase, GraspEvent
 _TRANSITIONS: Final[dict[tuple[GraspPhase, GraspEvent], GraspPhase]] = {
@@ -86,6 +87,7 @@ _TRANSITIONS: Final[dict[tuple[GraspPhase, GraspEvent], GraspPhase]] = {
     (_P.CARRYING, _E.HOLD): _P.HOLDING,
     (_P.HOLDING, _E.CARRY): _P.CARRYING,
     (_P.CARRYING, _E.CARRIED): _P.HOLDING,
+    (_P.RELEASING, _E.HOLD): _P.HOLDING,
     (_P.RELEASING, _E.RELEASED): _P.NONE,
     **{
         (phase, _E.RELEASE): _P.RELEASING

@@ -70,6 +70,7 @@ class Grasping:
         self._token = 0
         self._searching = False
         self._opening = False
+        self._gripped_at_fault = False
         self._friction_sign = 0.0
         self._last_sample_ns = -1
         self._stop_reason: Reason | None = None
@@ -89,8 +90,8 @@ class Grasping:
 
     @property
     def gripping(self) -> bool:
-        """Whether the fingers are, or may be, on an object."""
-        return self.phase in GRIPPING
+        """Whether the fingers are, or may be, on an object; in a fault: whether they were when it came."""
+        return self.phase in GRIPPING or (self.phase is GraspPhase.FAULT and self._gripped_at_fault)
 
     @property
     def hand_status(self) -> HandStatus:
@@ -166,6 +167,16 @@ class Grasping:
         self._halt(Reason.STOPPED_BY_COMMAND)
         return Reason.NONE
 
+    def stop(self) -> None:
+        """Stop winding in whatever phase; closing is given up with that, and the fingers stay where they are."""
+        if self.phase is GraspPhase.CLOSING:
+            self._end_token(EventKind.FAILED, Reason.STOPPED_BY_COMMAND)
+            self.enter(GraspEvent.CLOSING_FAILED)
+            self.winding = self._profile.state._replace(rate_m_s=0.0, acceleration_m_s2=0.0)
+            self._profile.place(self.winding.position_m)
+        else:
+            self.hold()
+
     def release(self, token: int) -> Reason:
         """Unwind to open; the compensation runs backwards in place."""
         table = self.table
@@ -186,6 +197,7 @@ class Grasping:
     def fail(self, reason: Reason) -> None:
         """A fault: keep the object. Winding ends here and now; the hand process freezes both excursions."""
         self._end_token(EventKind.FAILED, reason)
+        self._gripped_at_fault = self.gripping
         self.enter(GraspEvent.FAULT)
         if self.reading is not None and self._index is not None:
             self._profile.place(self.reading.mean_m + self._index.mean_shift_m)
@@ -314,7 +326,7 @@ class Grasping:
 
     @staticmethod
     def _expectation(table: PlanarTable, finger: int) -> FingerExpectation:
-        """Slopes of the free-closing and the loaded line of one finger, the latter over the first 0.2 mm past contact."""
+        """Slopes of one finger's free-closing and loaded line, the latter over the first 0.2 mm past contact."""
         near, far = table.at_excursion(0.0, 0.0).tension_N, table.at_excursion(2e-4, 0.0).tension_N
         return FingerExpectation(
             table.contact_excursion_m[finger],

@@ -2,8 +2,9 @@
 
 Friction keeps its sign when a joint comes to rest, and turns over within a small displacement after a reversal. A law
 of the speed alone forgets the sign at rest: the integral then takes friction over, and works against the feed-forward
-when motion begins again. The direction z of Dahl's model (1968), over the commanded displacement x:  dz/dx = (sgn v −
-z) / δ · sgn v.
+when motion begins again. Hence the direction z of Dahl's model (1968), over the commanded displacement x:
+
+    dz/dx = (sgn v − z) / δ · sgn v
 """
 
 from __future__ import annotations

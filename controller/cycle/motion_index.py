@@ -1,9 +1,9 @@
 """Where in the motion table the grasp is now: by excursion, by motor load, or by both.
 
-*Excursion*: both spool excursions less tendon stretch, less the excursion of first contact. *Load*: the mean load's
-rise since contact *while winding*, because the motors' constant gear friction cancels in it; when winding stops it is
-latched and moves again only with measured excursion. *Fused*: the object motion of both, weighted by the inverse of
-their variances.
+* *Excursion*: both spool excursions less tendon stretch, less the excursion of first contact.
+* *Load*: the mean load's rise since contact *while winding*, because the motors' constant gear friction cancels in it;
+  when winding stops it is latched and moves again only with measured excursion.
+* *Fused*: the object motion of both, weighted by the inverse of their variances.
 
 Either way the commanded profile, through the identified motor lag, carries the index; measured samples only correct it.
 """
@@ -46,7 +46,7 @@ class IndexReading(NamedTuple):
 
 
 class _Rates:
-    """Pose, rate and acceleration along the index from successive table samples (the Jacobian's change gives its rate)."""
+    """Pose, rate and acceleration along the index from successive samples: the Jacobian's change gives its rate."""
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
@@ -181,7 +181,7 @@ class MotionIndex:
     def _observed_load(
         self, command: WindingState, difference_m: float, sample: PlanarSample, mean: WindingState, *, winding: bool
     ) -> WindingState:
-        """Mean load with its rates: while winding observed, then latched and moved by what the table says of excursion."""
+        """Mean load with its rates: while winding observed, then latched and moved by the table's word on excursion."""
         if not winding:
             if self._latch is None:
                 self._latch = (self._load.state.position_m, sample.mean_tension_N)

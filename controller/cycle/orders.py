@@ -66,7 +66,7 @@ class Orders:
         if self.fault is Reason.NONE:
             self.fault = reason
             self._grasping.outcomes.append(Outcome(EventKind.FAULT, 0, reason))
-        self.stopping = True
+        self.stopping = self._motion.moving
         self._grasping.fail(reason)
 
     def drop_arm_path(self, reason: Reason) -> None:
@@ -77,7 +77,7 @@ class Orders:
 
     def _stop(self, command: CycleCommand) -> Reason:
         self.stopping = self._motion.moving
-        self._grasping.hold()
+        self._grasping.stop()
         return self._done(command)
 
     def _clear_fault(self, command: CycleCommand) -> Reason:

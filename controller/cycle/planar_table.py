@@ -18,8 +18,8 @@ STATUS_NUMBERS = {status: number for number, status in enumerate(Status)}
 
 
 class PlanarSample(NamedTuple):
-    """Object pose (x, y, θ) in the hand with its slopes along both index axes; both tendon loads, and the slope of their
-    mean along the first axis."""
+    """Object pose (x, y, θ) in the hand with its slopes along both index axes; both tendon loads, and the slope of
+    their mean along the first axis."""
 
     status: Status
     pose: Vector3

@@ -116,10 +116,10 @@ class Daemon:
         self._lost_ns = 0
         self._recording_failed = False
 
-    def run(self) -> int:
-        """Run until the end; the exit code. Raises StillgraspError if it cannot start."""
+    def run(self, stop: StopRequests) -> int:
+        """Run until the end, or until `stop`; the exit code. Raises StillgraspError if it cannot start."""
         config = self._config
-        with StopRequests() as stop, contextlib.closing(CommandSocket(config.front.command_endpoint)) as socket:
+        with contextlib.closing(CommandSocket(config.front.command_endpoint)) as socket:
             publisher = StatePublisher(config.front.state_endpoint)
             try:
                 shelf = TableShelf(Path(config.tables.directory), configured_hand(config))

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 from typing import Any, Protocol
 
+from calibration.motion_table import MotionTable
 from controller.messages import CYCLE_RECORD, CycleCommand, CycleEvent, EventKind, Reason
 from controller.reasons import EXPLANATIONS, as_error
 from controller.service import commands as asked
@@ -60,6 +61,7 @@ class _Running:
     command: asked.Command
     plan: Plan
     replied: bool = False
+    table: MotionTable | None = None
     deadline_ns: int | None = None
 
 
@@ -203,7 +205,7 @@ class Front:
                 self._links.commands.send_fds(payload, (descriptor,), now_ns)
             finally:
                 os.close(descriptor)
-            self._planner.table, self._planner.table_name = step.table, _table_name(running.command)
+        running.table = step.table
         self._running[token] = running
 
     def _on_event(self, event: CycleEvent, now_ns: int) -> None:
@@ -220,6 +222,8 @@ class Front:
         if running is None:
             return
         if event.kind is EventKind.ACCEPTED:
+            if running.table is not None:
+                self._planner.table, self._planner.table_name = running.table, _table_name(running.command)
             if running.command.slow and not running.replied:
                 running.replied = True
                 self._reply(running, {"accepted": True, "cycle": event.cycle, "desired": running.plan.desired})

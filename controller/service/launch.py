@@ -21,6 +21,7 @@ from controller.service.assignment import SceneChoice
 from controller.service.daemon import ButtonSource, Daemon, RunChoices
 from controller.service.recorder import Recorder
 from controller.service.run_directory import RunDirectory
+from controller.service.stop_requests import StopRequests
 
 
 @dataclass(frozen=True)
@@ -43,24 +44,26 @@ def launch(choices: Launch, *, say: Callable[[str], None], announce: Callable[[M
     scene = from_document(dict(choices.scene), SceneChoice, "command line")
     if scene.object is not None:
         load_object(scene.object)  # a wrong name is told here, not by a child
-    directory = RunDirectory(runtime_directory()) if choices.simulated else None
-    try:
-        if directory is not None:
-            config = in_simulation(config, directory.path)
-        run = RunChoices(
-            simulated=choices.simulated,
-            scene=scene,
-            activate=choices.simulated and not choices.manual_pendant,
-            directory_descriptor=directory.descriptor if directory is not None else None,
-        )
-        with _recorder(choices, config) or contextlib.nullcontext() as recorder:
-            if recorder is not None:
-                say(f"recording to {recorder.path}")
-            buttons = _buttons(say) if choices.manual_pendant else None
-            return Daemon(config, run, say=say, announce=announce, recorder=recorder, buttons=buttons).run()
-    finally:
-        if directory is not None:
-            directory.remove()
+    with StopRequests() as stop:  # from here on there is something to put in order at the end
+        directory = RunDirectory(runtime_directory()) if choices.simulated else None
+        try:
+            if directory is not None:
+                config = in_simulation(config, directory.path)
+            run = RunChoices(
+                simulated=choices.simulated,
+                scene=scene,
+                activate=choices.simulated and not choices.manual_pendant,
+                directory_descriptor=directory.descriptor if directory is not None else None,
+            )
+            with _recorder(choices, config) or contextlib.nullcontext() as recorder:
+                if recorder is not None:
+                    say(f"recording to {recorder.path}")
+                buttons = _buttons(say) if choices.manual_pendant else None
+                daemon = Daemon(config, run, say=say, announce=announce, recorder=recorder, buttons=buttons)
+                return daemon.run(stop)
+        finally:
+            if directory is not None:
+                directory.remove()
 
 
 def in_simulation(config: RobotConfig, directory: Path) -> RobotConfig:

@@ -55,7 +55,7 @@ class GraspCase:
 
 
 def demo_cases(seed: int, attempt: int = 0) -> list[GraspCase]:
-    """A symmetric grasp, one with a 10 % onset split, and one drawn from `seed`; a later `attempt` draws another place."""
+    """A symmetric grasp, one with a 10 % onset split, and one drawn from `seed`; each `attempt` draws another place."""
     place = Scene()
     yaw_rad = -0.5 * math.pi  # the hand comes in along the world's x
     draw = np.random.default_rng((seed, attempt))

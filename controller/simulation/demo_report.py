@@ -151,7 +151,7 @@ class CaseResult:
 
     @property
     def accepted(self) -> bool:
-        """≥ 8 mm without; with, at most 10 % of the millimetres, and of the degrees where they were ≥ 1° (else 0.2°)."""
+        """≥ 8 mm without; with, ≤ 10 % of the millimetres, and of the degrees where they were ≥ 1° (else 0.2°)."""
         without, left = self.without.motion, self.compensated.motion
         turn_deg = 0.1 * without.peak_deg if without.peak_deg >= 1.0 else 0.2
         return without.peak_mm >= 8.0 and left.peak_mm <= 0.1 * without.peak_mm and left.peak_deg <= turn_deg

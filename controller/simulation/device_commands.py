@@ -6,6 +6,7 @@ import contextlib
 import json
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -72,8 +73,8 @@ def wam(
                 hub.transmit(devices.wam.press(button, clock.now_ns()), devices.wam)
 
         loop = DeviceLoop(clock, devices.world.advance_to, [hub], hub.filenos, _say)
-        _tell({"interface": "seqpacket", "channel": str(channel.absolute())}, as_json)
-        _run(loop, clock, stop, buttons, press)
+        ready = partial(_tell, {"interface": "seqpacket", "channel": str(channel.absolute())}, as_json)
+        _run(loop, clock, stop, ready, buttons, press)
 
 
 @app.command(epilog="Example: stillgrasp simulate dynamixel --ids 1 2 --json; then open its port with dynamixel-sdk")
@@ -106,20 +107,21 @@ def dynamixel(
         pty = PtyServer(motors, clock, baud)
         stack.callback(pty.close)
         loop = DeviceLoop(clock, advance, [pty], lambda: [pty.fileno()], _say)
-        _tell({"port": pty.port}, as_json)
-        _run(loop, clock, stop, None, lambda: None)
+        _run(loop, clock, stop, partial(_tell, {"port": pty.port}, as_json))
 
 
 def _run(
     loop: DeviceLoop,
     clock: SteppedClock,
     stop: StopRequests,
-    buttons: PendantLines | None,
-    press: Callable[[], None],
+    ready: Callable[[], None],
+    buttons: PendantLines | None = None,
+    press: Callable[[], None] = lambda: None,
 ) -> None:
     """Until a signal; the end of the buttons ends nothing."""
     enter_realtime(RealtimeSettings(freeze_garbage=True))
     clock.resume()
+    ready()
     while stop.received is None:
         others: Sequence[HasFileno] = [stop, *([buttons] if buttons is not None and buttons.open else [])]
         if buttons in loop.turn(others):

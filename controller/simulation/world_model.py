@@ -13,6 +13,7 @@ stands on its rim.
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
 
@@ -33,6 +34,8 @@ DEFAULT_HEIGHT_M = 0.12
 CONTACT_IMPEDANCE = "0.3 0.999 1e-5 0.5 2"
 """Soft at first touch, hard within 10 µm. MuJoCo's convex friction lifts a sliding contact, here by 4 µm at a tip speed
 of 8 mm/s; a contact that is hard from the start would lose touch over and over, and hammer."""
+FEET = 8
+FOOT_RADIUS_M = 5e-4
 SUPPORT_HALF_WIDTH_M = 0.15  # drawn size only: the plane carries the object wherever it goes
 
 
@@ -200,7 +203,15 @@ def _add_object(
     # No friction is frictionless contact (condim 1): MuJoCo has no cone of zero width.
     friction = text((mu, mu, 1e-6, 1e-6, 1e-6)) if mu > 0.0 else text((1.0, 1.0, 1e-6, 1e-6, 1e-6))
     condim = "3" if mu > 0.0 else "1"
-    ElementTree.SubElement(contact, "pair", touch, geom1="object", geom2="support", condim=condim, friction=friction)
+    # It stands on small balls along its rim. MuJoCo's own contact of cylinder and plane takes the rim's lowest point
+    # from the tilt, and makes of a tilt of round-off size a penetration of millimetres, which throws the object.
+    for foot in range(FEET):
+        angle = 2 * math.pi * foot / FEET
+        reach_m = radius_m - FOOT_RADIUS_M
+        place = (reach_m * math.cos(angle), reach_m * math.sin(angle), FOOT_RADIUS_M - height_m / 2)
+        name = f"foot_{foot}"
+        ElementTree.SubElement(body, "geom", name=name, type="sphere", size=repr(FOOT_RADIUS_M), pos=text(place))
+        ElementTree.SubElement(contact, "pair", touch, geom1=name, geom2="support", condim=condim, friction=friction)
 
 
 def _indexed(model: mujoco.MjModel) -> WorldModel:

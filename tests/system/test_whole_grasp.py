@@ -350,7 +350,6 @@ def test_bad_commands_change_nothing(story: Story) -> None:
     assert after.holds
 
 
-@pytest.mark.xfail(reason="the front takes the table over before the cycle has accepted it", strict=True)
 def test_a_refused_table_is_not_in_force(story: Story) -> None:
     """While something is gripped another table is refused, by the front's own notion of it too."""
     assert steady(story.seen["asked for another table"]) == steady(story.seen["gripped"])
@@ -385,7 +384,6 @@ def test_an_idled_arm_keeps_the_object(story: Story) -> None:
     assert again.holds
 
 
-@pytest.mark.xfail(reason="the offset is laid on top of the measured pose, which holds it already", strict=True)
 def test_an_arm_that_is_activated_again_stands(story: Story) -> None:
     """Activation with an object in the hand moves nothing: the command is the measured pose, offset and all."""
     before, after = story.seen["active again"], story.seen["active again, later"]

@@ -69,10 +69,6 @@ def test_contact_is_found_and_dated_back(later_m: float, friction_N: float, seed
     assert search.onset_load_N == pytest.approx(onset_N, abs=1.0)
 
 
-FREE_LINE_UNKNOWN = "until the free line is fitted, constant friction of 2 N or more is taken for contact"
-
-
-@pytest.mark.xfail(reason=FREE_LINE_UNKNOWN, strict=True)
 @pytest.mark.parametrize("friction_N", [3.0, 6.0, 10.0])
 def test_constant_friction_is_no_contact(friction_N: float) -> None:
     """A gear that drags more than the load law assumes shifts the free line; it does not make an object."""

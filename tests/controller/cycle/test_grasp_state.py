@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from controller.cycle.grasp_state import COMPENSATED, GRIPPING, GraspEvent, GraspPhase, next_phase
+from controller.cycle.grasp_state import GraspEvent, GraspPhase, next_phase
 
 # The diagram, an arrow a line; what is not here must be refused. Faults are laws of their own below.
 DIAGRAM = """
@@ -31,11 +31,21 @@ squeezing     release        releasing
 holding       release        releasing
 carrying      release        releasing
 fault         release        releasing
+releasing     hold           holding
+releasing     hold           holding
 releasing     released       none
 """
 ARROWS = {
     (GraspPhase[phase], GraspEvent[event]): GraspPhase[following]
     for phase, event, following in (line.upper().split() for line in DIAGRAM.strip().splitlines())
+}
+HELD = {
+    GraspPhase.CONTACT,
+    GraspPhase.SQUEEZING,
+    GraspPhase.HOLDING,
+    GraspPhase.CARRYING,
+    GraspPhase.RELEASING,
+    GraspPhase.FAULT,
 }
 ALL = list(itertools.product(GraspPhase, GraspEvent, (False, True)))
 
@@ -46,7 +56,7 @@ def test_every_phase_answers_every_event_as_the_diagram_says(phase: GraspPhase) 
     for event, gripping in itertools.product(GraspEvent, (False, True)):
         following = next_phase(phase, event, gripping=gripping)
         if event is GraspEvent.FAULT:
-            keeps = phase in GRIPPING or phase is GraspPhase.CLOSING
+            keeps = phase in HELD or phase is GraspPhase.CLOSING
             assert following is (GraspPhase.FAULT if keeps else GraspPhase.NONE)
         elif event is GraspEvent.FAULT_CLEARED:
             cleared = GraspPhase.HOLDING if gripping else GraspPhase.NONE
@@ -60,14 +70,14 @@ def test_only_a_finished_release_lets_go() -> None:
     ways_out = {
         (phase, event)
         for phase, event, gripping in ALL
-        if phase in GRIPPING and gripping and next_phase(phase, event, gripping=gripping) not in (*GRIPPING, None)
+        if phase in HELD and gripping and next_phase(phase, event, gripping=gripping) not in (*HELD, None)
     }
     assert ways_out == {(GraspPhase.RELEASING, GraspEvent.RELEASED)}
 
 
 def test_release_is_open_from_wherever_something_may_be_held() -> None:
     """Trapped fingers must come free, in a fault too; a release under way need not be asked for again."""
-    for phase in (GRIPPING | COMPENSATED) - {GraspPhase.RELEASING}:
+    for phase in (HELD | {GraspPhase.CLOSING}) - {GraspPhase.RELEASING}:
         assert next_phase(phase, GraspEvent.RELEASE) is GraspPhase.RELEASING
 
 

@@ -301,7 +301,6 @@ def test_shutting_down_takes_no_new_motion() -> None:
     assert robot.phase() is GraspPhase.HOLDING
 
 
-@pytest.mark.xfail(reason="`stopping` stays set when a fault finds the arm standing", strict=True)
 def test_the_motion_after_a_cleared_fault_goes_to_its_end() -> None:
     """A fault that found the arm standing does not stop the first motion after it."""
     robot = Robot(GraspPhase.HOLDING)
@@ -313,7 +312,6 @@ def test_the_motion_after_a_cleared_fault_goes_to_its_end() -> None:
     assert robot.told() == [(EventKind.COMPLETED, 5, Reason.NONE)]
 
 
-@pytest.mark.xfail(reason="hold is no event of closing, so stop does not reach the winding there", strict=True)
 def test_stop_ends_closing_too() -> None:
     """`stop` stops arm and winding, in whatever phase."""
     robot = Robot(GraspPhase.CLOSING)
@@ -325,7 +323,6 @@ def test_stop_ends_closing_too() -> None:
     assert wound_m[-1] == wound_m[100]
 
 
-@pytest.mark.xfail(reason="in the fault phase `gripping` is always true", strict=True)
 def test_a_fault_before_contact_holds_nothing() -> None:
     """Cleared, a fault that came while the fingers were closing on nothing leads to none, not to holding."""
     robot = Robot(GraspPhase.CLOSING)
