@@ -33,8 +33,9 @@ from drivers.wam.bus import PythonCanBus, open_can
 
 LONGEST_STOP_S = 5.0
 """A cycle that cannot come to rest, because its bus is dead, does not stay behind."""
-SIMULATED_SILENT_CYCLES = 150
-"""Of missing position replies: a simulated arm on a shared machine may stand still for longer than a real one."""
+SIMULATED_PAUSE_S = 0.3
+"""A simulated arm stands still while its process waits for a processor; neither that it is silent nor that it did not
+move is a fault before this. On virtual time, where nothing waits, the limits are those of hardware."""
 
 
 class SurvivingEvents(OrderedSender):
@@ -95,7 +96,8 @@ def _parts(config: RobotConfig, bus: PythonCanBus, clock: Clock, simulated: bool
         limits = SafetyLimits(
             offset_m=config.compensation.max_offset_m,
             offset_rad=config.compensation.max_offset_rad,
-            silent_cycles=SIMULATED_SILENT_CYCLES,
+            silent_cycles=round(SIMULATED_PAUSE_S / config.cycle.period_s),
+            residual_time_s=SIMULATED_PAUSE_S,
         )
         parts.safety = SafetyMonitor(limits, config.cycle.period_s)
     return parts

@@ -222,6 +222,8 @@ class Front:
         if running is None:
             return
         if event.kind is EventKind.ACCEPTED:
+            if isinstance(running.command, asked.CompensationSet) and running.command.index is not None:
+                self._planner.compensation_index = running.command.index
             if running.table is not None:
                 self._planner.table, self._planner.table_name = running.table, _table_name(running.command)
             if running.command.slow and not running.replied:

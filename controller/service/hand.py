@@ -14,7 +14,7 @@ from controller.messages import HandFault, HandMode, HandSetPoint, HandState, Pa
 from controller.service.links import LatestReader, LatestSender
 from drivers.clock import Clock, nanoseconds
 from drivers.dynamixel.tendons import TendonPair, TendonSample, TendonSetPoint
-from drivers.errors import BusError, InputError
+from drivers.errors import BusError, DeviceError, InputError
 
 
 @dataclass(frozen=True)
@@ -69,6 +69,8 @@ class HandPart:
             fault = HandFault.REFUSED
         except BusError:
             fault = HandFault.BUS_LOST
+        except DeviceError:
+            pass  # an answer was lost while rearming: the watchdog still shows, and the next round tries again
         if self._last is not None:
             self._publish(self._last, fault)
 

@@ -34,7 +34,7 @@ from drivers.wam.safety_puck import Light, PendantState
 from drivers.wam.transmission import motor_to_joint
 
 TIMEOUT_S = 60.0
-TARGET_RAD = [0.3, 0.3, 0.1, 2.1, 0.1, -0.7, 0.1]
+TARGET_RAD = [0.1, 0.15, 0.05, 2.25, 0.05, -0.75, 0.05]
 COMMAND = [sys.executable, "-P", "-c", "from controller.cli import main; main()"]
 
 
@@ -143,6 +143,7 @@ def until(daemon: Daemon, condition: Callable[[dict[str, Any]], bool]) -> dict[s
                 state: dict[str, Any] = msgspec.msgpack.decode(stream.recv())
                 if condition(state):
                     return state
+                assert not state["grasp"]["fault"], daemon.messages()
     raise AssertionError(f"it never came to that\n{daemon.messages()}")
 
 
@@ -255,8 +256,8 @@ def test_sigterm_in_motion_stops_in_order(installation: Installation) -> None:
     """The arm comes to rest along its path, goes idle, and nothing is left: no process, socket, pty or directory."""
     daemon = active(installation.start().wait_ready())
     with daemon.client() as client:
-        client.arm_move_joints([-1.2, 0.5, 0.0, 1.8, 0.0, -0.7, 0.0])
-        until(daemon, lambda state: state["arm"]["joint_command_rad"][0] < -0.1)
+        client.arm_move_joints([-1.2, 0.1, 0.0, 2.3, 0.0, -0.8, 0.0], speed=0.2)
+        until(daemon, lambda state: state["arm"]["joint_command_rad"][0] < -0.02)
         daemon.send_signal("front", signal.SIGTERM)
         daemon.send_signal("front", signal.SIGTERM)
         assert daemon.exit_code() == 0, daemon.messages()
@@ -384,7 +385,7 @@ def test_a_motion_completes_at_its_target(shared: tuple[Installation, Daemon]) -
     """Front, cycle, bus and world together: the arm's own encoders say that it is where it was sent."""
     installation, daemon = shared
     joints = f"joint_rad={json.dumps(TARGET_RAD)}"
-    moved = installation.command("send", "arm.move_joints", joints, "speed=0.8", "--wait", "--json")
+    moved = installation.command("send", "arm.move_joints", joints, "speed=0.2", "--wait", "--json")
     assert moved.returncode == 0, moved.stderr + daemon.messages()
     assert json.loads(moved.stdout)["command"] == "arm.move_joints"
     third = ThirdClient(daemon)
