@@ -94,7 +94,7 @@ class CommandKind(IntEnum):
     ARM_HOLD = 4
     MOVE_JOINTS = 5  # [joint_rad × 7, speed fraction]
     MOVE_WRIST = 6  # [T_world_wrist: xyz_m, quaternion wxyz; speed fraction]
-    PREPOSITION = 7  # [T_world_wrist: xyz_m, quaternion wxyz; speed fraction]
+    PREPOSITION = 7  # [as MOVE_WRIST; 1: there the grasp begins, 0: on the way to it]
     CLOSE = 8  # [rate_m_s]
     SQUEEZE = 9  # [mean excursion since contact m, mean load N, duration_s]
     HOLD = 10

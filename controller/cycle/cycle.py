@@ -7,6 +7,7 @@ turns. Nothing in this file or below it logs, starts a thread, or waits for anyt
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -97,6 +98,7 @@ class Cycle:
         self.number = 0
         self.finished = False
         self._hand: HandState | None = None
+        self._newest_hand: tuple[bytes, int] | None = None
         self._hand_sample_ns = 0
         self._waiting: CycleCommand | None = None
         self._sample: ArmSample | None = None
@@ -116,23 +118,32 @@ class Cycle:
         """One period: ask for positions, think while they travel, check them, send torques."""
         began_ns = self._processor_time_ns()
         now_ns = self.pacer.begin()
-        try:
-            self._parts.arm.request_positions()
-            self._listen(now_ns)
-            self._grasp(now_ns)
-            self._move()
-            self._feel(now_ns)
-            self._act()
-        except BusError:
-            self._parts.orders.fail(Reason.BUS_FAILED)
+        asked = self._on_bus(self._parts.arm.request_positions)
+        self._listen(now_ns)
+        self._grasp(now_ns)
+        self._move()
+        if asked:
+            self._on_bus(lambda: self._feel(now_ns)) and self._on_bus(self._act)
+        if self._parts.orders.shutting_down and not self._parts.motion.moving:
+            self._go_idle()
         self._tell(now_ns)
         self.number += 1
         self._cpu_us = (self._processor_time_ns() - began_ns) * 1e-3
 
+    def _on_bus(self, act: Callable[[], None]) -> bool:
+        """Do something on the arm's bus; a bus that takes nothing is a fault, but the hand is on another one."""
+        try:
+            act()
+        except BusError:
+            self._check(Reason.BUS_FAILED)
+            return False
+        return True
+
     def _listen(self, now_ns: int) -> None:
         """Newest hand state and the commands due now."""
         newest = self._links.hand_state.newest()
-        if newest is not None and newest[1] != self._hand_sample_ns:
+        if newest is not None and newest is not self._newest_hand:
+            self._newest_hand = newest
             payload, self._hand_sample_ns = newest
             self._hand = HandState.unpack(payload)
         self._parts.orders.hand = self._hand
@@ -167,9 +178,9 @@ class Cycle:
         """Commanded joint motion of this period; while the arm is not active, it is where it is measured."""
         parts = self._parts
         state = _ARM_STATES[parts.arm.mode]
-        if state is not parts.orders.arm_state:
-            self._change_arm_state(state)
-        if state is not ArmState.ACTIVE:
+        if state is not parts.orders.arm_state and self._sample is not None:
+            self._change_arm_state(state, self._sample)
+        if parts.orders.arm_state is not ArmState.ACTIVE:
             if self._sample is not None:
                 parts.motion.place(self._sample.joint_rad, parts.smoother.motion)
             return
@@ -210,16 +221,14 @@ class Cycle:
             parts.control.reset(sample.joint_rad, sample.sample_ns)
             self._torque = parts.model.gravity(sample.joint_rad)
         parts.arm.write_torques(self._torque)
-        if parts.orders.shutting_down and not motion.moving:
-            self._go_idle()
 
-    def _change_arm_state(self, state: ArmState) -> None:
+    def _change_arm_state(self, state: ArmState, sample: ArmSample) -> None:
         orders, parts = self._parts.orders, self._parts
         was_active = orders.arm_state is ArmState.ACTIVE
         orders.arm_state = state
-        if state is ArmState.ACTIVE and self._sample is not None:
-            parts.motion.place(self._sample.joint_rad, parts.smoother.motion)
-            parts.control.reset(self._sample.joint_rad, self._sample.sample_ns)
+        if state is ArmState.ACTIVE:
+            parts.motion.place(sample.joint_rad, parts.smoother.motion)
+            parts.control.reset(sample.joint_rad, sample.sample_ns)
             parts.safety.reset()
         elif was_active and not orders.shutting_down:
             orders.drop_arm_path(Reason.ARM_IDLED)
@@ -232,15 +241,14 @@ class Cycle:
 
     def _go_idle(self) -> None:
         """The end: ask the safety puck for idle, and stop when it is there or has had its time."""
-        now_ns = self._clock.now_ns()
+        now_ns, arm = self._clock.now_ns(), self._parts.arm
         if self._idle_deadline_ns is None:
             self._idle_deadline_ns = now_ns + nanoseconds(self._settings.shutdown_idle_s)
-            if self._parts.arm.mode is ArmMode.ACTIVE:
-                self._parts.arm.request_idle()
-        self._parts.arm.poll_safety_mode()
-        if self._parts.arm.mode is not ArmMode.ACTIVE or now_ns > self._idle_deadline_ns:
-            idle = self._parts.arm.mode is not ArmMode.ACTIVE
-            self._tell_event(EventKind.STOPPED, 0, Reason.NONE if idle else Reason.ARM_SILENT, ())
+            if arm.mode is ArmMode.ACTIVE:
+                self._on_bus(arm.request_idle)
+        told = self._on_bus(arm.poll_safety_mode) and arm.mode is not ArmMode.ACTIVE
+        if told or now_ns > self._idle_deadline_ns:
+            self._tell_event(EventKind.STOPPED, 0, Reason.NONE if told else Reason.ARM_SILENT, ())
             self.finished = True
 
     def _next_command(self) -> CycleCommand | None:
@@ -265,6 +273,8 @@ class Cycle:
             reason = self._parts.grasping.use_table(MotionTable.from_memfd(descriptors[0]))
         except (TableError, IndexError):
             reason = Reason.NO_TABLE
+        for descriptor in descriptors:
+            os.close(descriptor)  # the mapping lives on without it
         accepted = reason is Reason.NONE
         self._tell_event(EventKind.ACCEPTED if accepted else EventKind.REJECTED, command.token, reason, ())
         if accepted:

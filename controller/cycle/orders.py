@@ -127,7 +127,9 @@ class Orders:
         if (reason := self._ready_to_move()) is not Reason.NONE:
             return reason
         self._motion.move_wrist(_pose(command), command.values[7])
-        self._arm_token, self._arm_event = command.token, GraspEvent.PREPOSITIONED
+        arrives = command.values[8] != 0.0
+        self._grasping.enter(GraspEvent.WITHDRAWN)
+        self._arm_token, self._arm_event = command.token, GraspEvent.PREPOSITIONED if arrives else None
         return Reason.NONE
 
     def _close(self, command: CycleCommand) -> Reason:

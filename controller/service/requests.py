@@ -21,6 +21,7 @@ from controller.service import commands as asked
 from controller.service.assembly import INDEX_NAMES
 from controller.service.table_shelf import TableShelf, excursion_at_load
 from drivers.errors import CommandError
+from drivers.wam.parameters import load_wam_parameters
 
 C = TypeVar("C", bound=asked.Command)
 
@@ -74,17 +75,17 @@ class Planner:
 
     def _move_joints(self, command: asked.ArmMoveJoints) -> Plan:
         limits = self._config.arm.limits
-        if limits.lower_rad is not None and limits.upper_rad is not None:
-            for joint, (low, angle, high) in enumerate(
-                zip(limits.lower_rad, command.joint_rad, limits.upper_rad, strict=True), start=1
-            ):
-                if not low <= angle <= high:
-                    raise CommandError(
-                        "joint_limit",
-                        f"joint_rad[{joint - 1}] = {angle:g} is outside the range of joint {joint}.",
-                        key=f"joint_rad[{joint - 1}]",
-                        accepted=f"{low:g} to {high:g} rad",
-                    )
+        own = load_wam_parameters()
+        lower, upper = limits.lower_rad or own.joint_lower_rad, limits.upper_rad or own.joint_upper_rad
+        for joint, (low, angle, high) in enumerate(zip(lower, command.joint_rad, upper, strict=True), start=1):
+            if not low <= angle <= high:
+                raise CommandError(
+                    "joint_limit",
+                    f"joint_rad[{joint - 1}] = {angle:g} is outside the range of joint {joint}.",
+                    key=f"joint_rad[{joint - 1}]",
+                    accepted=f"{low:g} to {high:g} rad",
+                    help=f"Accepted: {low:g} to {high:g} rad.",
+                )
         return _one(CommandKind.MOVE_JOINTS, (*command.joint_rad, command.speed))
 
     def _preposition(self, command: asked.GraspPreposition) -> Plan:
@@ -97,8 +98,8 @@ class Planner:
         T_world_hand = T_world_wrist @ self._config.T_wrist_hand
         before = T_world_wrist.copy()
         before[:3, 3] -= command.approach_m * T_world_hand[:3, 1]
-        steps.append(Step(CommandKind.MOVE_WRIST, (*_flat(before), command.speed)))
-        steps.append(Step(CommandKind.PREPOSITION, (*_flat(T_world_wrist), command.speed)))
+        steps.append(Step(CommandKind.PREPOSITION, (*_flat(before), command.speed, 0.0)))
+        steps.append(Step(CommandKind.PREPOSITION, (*_flat(T_world_wrist), command.speed, 1.0)))
         return Plan(steps, {"wrist_xyz_m": T_world_wrist[:3, 3].tolist()})
 
     def _squeeze(self, command: asked.GraspSqueeze) -> Plan:
@@ -121,7 +122,6 @@ class Planner:
 
     def _set_compensation(self, command: asked.CompensationSet) -> Plan:
         index = command.index or self.compensation_index
-        self.compensation_index = index
         return _one(CommandKind.SET_COMPENSATION, (float(command.enabled), float(INDEX_NAMES[index])))
 
     def _load(self, name: str) -> Step:

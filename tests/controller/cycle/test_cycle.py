@@ -205,7 +205,6 @@ def test_an_idle_arm_gets_its_gravity_torque(rig: Rig) -> None:
         np.testing.assert_allclose(record["joint_torque_Nm"], model.gravity(READY), atol=0.5)
 
 
-@pytest.mark.xfail(reason="an arm that is active before its first sample has no place to be commanded to", strict=True)
 def test_an_arm_activated_before_the_first_period_stands(rig: Rig) -> None:
     """The operator may press Activate just as the daemon starts: the command still begins where the arm is."""
     rig.press("activate")
@@ -245,7 +244,6 @@ def test_a_table_is_refused_while_something_is_held(rig: Rig) -> None:
     assert rig.told() == [(EventKind.REJECTED, 5, Reason.WRONG_PHASE)]
 
 
-@pytest.mark.xfail(reason="the received descriptor is not closed", strict=True)
 def test_handing_tables_over_leaks_no_descriptor(rig: Rig) -> None:
     """A day of grasps does not use up the cycle's files."""
     rig.load_table(token=90)
@@ -293,7 +291,6 @@ def test_a_lost_arm_is_one_fault_and_the_object_stays_held(
 WITHOUT_BUS = "nothing else of the period runs when the bus refuses the first frame"
 
 
-@pytest.mark.xfail(reason=WITHOUT_BUS, strict=True)
 def test_fingers_come_free_without_the_arms_bus(rig: Rig) -> None:
     """The hand has a bus of its own: with the arm's gone, release is still heard and carried out."""
     rig.hold()
@@ -307,7 +304,6 @@ def test_fingers_come_free_without_the_arms_bus(rig: Rig) -> None:
     assert rig.set_point().mode is HandMode.OPEN
 
 
-@pytest.mark.xfail(reason=WITHOUT_BUS, strict=True)
 def test_the_cycle_ends_without_the_arms_bus(rig: Rig) -> None:
     """A daemon whose CAN adapter was pulled can be shut down, and says that it does not know the arm idle."""
     rig.run(5)
@@ -320,7 +316,6 @@ def test_the_cycle_ends_without_the_arms_bus(rig: Rig) -> None:
     assert (EventKind.STOPPED, 0, Reason.ARM_SILENT) in rig.told()
 
 
-@pytest.mark.xfail(reason="a state with an old sample is not looked at, and so neither is its fault", strict=True)
 def test_a_refused_set_point_is_told_as_such(rig: Rig) -> None:
     """The hand process refuses a set-point before it takes a new sample: the reason must arrive all the same."""
     rig.hold()

@@ -165,7 +165,7 @@ def test_a_refused_command_changes_nothing(
     values = {
         CommandKind.MOVE_JOINTS: (*(START + 0.2), 0.5),
         CommandKind.MOVE_WRIST: robot.near(0.02),
-        CommandKind.PREPOSITION: robot.near(0.02),
+        CommandKind.PREPOSITION: (*robot.near(0.02), 1.0),
         CommandKind.SQUEEZE: (0.002, 50.0, 1.0),
         CommandKind.SET_COMPENSATION: (0.0, 1.0),
     }
@@ -200,14 +200,14 @@ def test_a_squeeze_stays_within_cap_and_table(values: tuple[float, ...], reason:
 def test_a_preposition_is_one_only_when_it_has_arrived() -> None:
     """The hand closes only where the table's grasp begins; a stopped approach is no preposition."""
     robot = Robot()
-    assert robot.take(CommandKind.PREPOSITION, *robot.near(0.02), token=5) is Reason.NONE
+    assert robot.take(CommandKind.PREPOSITION, *robot.near(0.02), 1.0, token=5) is Reason.NONE
     assert robot.take(CommandKind.CLOSE) is Reason.BUSY
     robot.run()
     assert robot.told() == [(EventKind.COMPLETED, 5, Reason.NONE)]
     assert robot.phase() is GraspPhase.PREPOSITIONED
 
     robot = Robot()
-    robot.take(CommandKind.PREPOSITION, *robot.near(0.05), token=6)
+    robot.take(CommandKind.PREPOSITION, *robot.near(0.05), 1.0, token=6)
     robot.run(most=100)
     assert robot.take(CommandKind.STOP, token=7) is Reason.NONE
     assert robot.told() == [(EventKind.COMPLETED, 7, Reason.NONE)]

@@ -284,7 +284,6 @@ def test_a_table_is_in_force_only_once_the_cycle_has_it(office: Office) -> None:
     assert office.planner.table_name == "the one in force"
 
 
-@pytest.mark.xfail(reason="the planner keeps the index before the cycle has accepted it", strict=True)
 def test_an_index_is_chosen_only_once_the_cycle_has_it(office: Office) -> None:
     """A refused choice of index is not the default of the next one."""
     office.ask("compensation.set", enabled=True, index="fused")

@@ -234,7 +234,6 @@ def test_a_tripped_watchdog_is_cleared_and_the_hand_follows_again(rig: Rig) -> N
     assert rig.run(1.0, (0.010, 0.010)).excursion_m == pytest.approx((0.010, 0.010), abs=5e-4)
 
 
-@pytest.mark.xfail(reason="a lost answer while taking the motors up again ends the process", strict=True)
 def test_a_lost_answer_while_rearming_is_survived(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     """One missing status packet after a tripped watchdog costs a round, not the hand process."""
     rig.run(1.0, (0.008, 0.008))

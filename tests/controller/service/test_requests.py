@@ -128,7 +128,6 @@ def test_a_preposition_comes_in_along_the_palm(planner: Planner, shelf_directory
     assert steps[-1].kind is CommandKind.PREPOSITION
 
 
-@pytest.mark.xfail(reason="the approach is a plain move of the wrist, which carries what is held", strict=True)
 def test_every_motion_of_a_preposition_is_one_to_the_cycle(planner: Planner) -> None:
     """With an object in the hand the cycle must refuse a preposition before anything moves: it must know it as one."""
     steps = plan(planner, "grasp.preposition", table="mug", object_xyz_m=(0.7, 0.1, 0.5)).steps
@@ -181,7 +180,6 @@ def test_a_joint_outside_the_configured_range_is_refused(shelf_directory: Path, 
     assert (caught.value.code, caught.value.key) == ("joint_limit", f"joint_rad[{joint}]")
 
 
-@pytest.mark.xfail(reason="without configured limits the arm's own are not looked at", strict=True)
 def test_a_joint_outside_the_arms_own_range_is_refused(planner: Planner) -> None:
     """An installation that configures no range has the arm's: a path into a stop is refused."""
     upper_rad = load_wam_parameters().joint_upper_rad
