@@ -204,6 +204,30 @@ class _Stopwatch:
         return taken
 
 
+def replayed(recording: Recording, directory: Path) -> tuple[list[dict[str, float]], list[dict[str, float]], int]:
+    """Each period of the squeeze with its stages, and with the total alone; and how many sent other torques.
+
+    The two replays go side by side, so that both see the machine at the same speed.
+    """
+    pair = (Replay(recording, directory, stages=True), Replay(recording, directory, stages=False))
+    taken: tuple[list[dict[str, float]], list[dict[str, float]]] = ([], [])
+    try:
+        for replay in pair:
+            replay.start()
+        gc.collect()
+        gc.disable()
+        for number, period in enumerate(recording.periods[: recording.squeeze.stop]):
+            for replay, measured in zip(pair, taken, strict=True):
+                figures = replay.step(period)
+                if number in recording.squeeze:
+                    measured.append(figures)
+    finally:
+        gc.enable()
+        for replay in pair:
+            replay.close()
+    return *taken, sum(replay.different_frames for replay in pair)
+
+
 class _SleepingClock(VirtualClock):
     """The recorded time, with the system call that a wait costs on a robot."""
 
@@ -215,7 +239,7 @@ class _SleepingClock(VirtualClock):
 class Replay:
     """A cycle behind sockets whose other ends are in our hands."""
 
-    def __init__(self, recording: Recording, directory: Path, *, stages: bool = True) -> None:
+    def __init__(self, recording: Recording, directory: Path, *, stages: bool) -> None:
         """`stages`: measure them one by one, which itself costs a microsecond each; otherwise only the total."""
         self._recording = recording
         self._stages = stages
@@ -251,21 +275,6 @@ class Replay:
         self.different_frames = 0
         """Periods whose torque frames are not the recorded ones."""
 
-    def run(self) -> list[dict[str, float]]:
-        """Replay everything; processor time by stage, µs, of each period of the squeeze."""
-        self._start()
-        measured = []
-        gc.collect()
-        gc.disable()
-        try:
-            for number, period in enumerate(self._recording.periods[: self._recording.squeeze.stop]):
-                taken = self._step(period)
-                if number in self._recording.squeeze:
-                    measured.append(taken)
-        finally:
-            gc.enable()
-        return measured
-
     def close(self) -> None:
         """Close all sockets."""
         self._bus.close()
@@ -273,7 +282,7 @@ class Replay:
         for link in self._links:
             link.close()
 
-    def _start(self) -> None:
+    def start(self) -> None:
         """Start-up, answered as in the recording: what the arm asks for is there before it asks."""
         answers = iter(self._recording.start_up)
         with patch.object(self._bus, "receive", lambda deadline_ns: next(answers)):
@@ -283,7 +292,8 @@ class Replay:
         self._drain()
         self._instrument()
 
-    def _step(self, period: Period) -> dict[str, float]:
+    def step(self, period: Period) -> dict[str, float]:
+        """One period; processor time by stage and in all, µs."""
         self._period = period
         self._feed(period.before_request)
         if period.hand is not None:
@@ -318,10 +328,8 @@ class Replay:
             asked()
             self._watch.unmeasured(lambda: self._feed(self._period.replies))
 
-        setattr(parts.arm, "request_positions", request_and_be_answered)
-        if not self._stages:
-            return
-        for owner, name, function in (
+        stages: list[tuple[object, str, Callable[..., object]]] = [
+            (parts.arm, "request_positions", request_and_be_answered),
             (cycle.pacer, "begin", timed("wake", cycle.pacer.begin)),
             (cycle, "_listen", timed("listen", cycle._listen)),
             (cycle, "_grasp", timed("grasp", cycle._grasp)),
@@ -330,7 +338,8 @@ class Replay:
             (cycle, "_feel", timed("feel", cycle._feel)),
             (cycle, "_act", timed("act", cycle._act)),
             (cycle, "_tell", timed("tell", cycle._tell)),
-        ):
+        ]
+        for owner, name, function in stages if self._stages else stages[:1]:
             setattr(owner, name, function)
 
     def _feed(self, frames: list[can.Message]) -> None:

@@ -8,22 +8,22 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import cast
 
 import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
-from scipy.optimize import lsq_linear, minimize
+from scipy.optimize import NonlinearConstraint, lsq_linear, minimize
 
 from calibration.build import build_table
-from calibration.grasp.continuation import advance
-from calibration.grasp.equilibrium import GraspSystem, grasp_system
-from calibration.grasp.path_grid import excursion_drive
+from calibration.grasp.equilibrium import grasp_system
 from calibration.grasp.specification import GraspSpec
-from calibration.hand.parameters import Hand
+from calibration.hand.parameters import Hand, PinJoint
 from calibration.motion_table import MotionTable
 from calibration.objects import GraspObject
+from calibration.objects.shapes import Disc
 from controller.config import RobotConfig
 from controller.cycle.arm_model import ArmModel
 from controller.cycle.compensation import OffsetLimits, OffsetSmoother, PlanarMotion
@@ -31,6 +31,7 @@ from controller.cycle.inverse_kinematics import DifferentialInverseKinematics, S
 from controller.cycle.joint_bounds import JointLimits
 from controller.cycle.planar_table import PlanarTable
 from controller.service.assembly import arm_model, configured_hand
+from drivers.errors import MechanicsError
 from drivers.wam.parameters import load_wam_parameters
 
 Array = NDArray[np.float64]
@@ -44,7 +45,7 @@ class Figure:
 
     name: str
     median_us: float
-    p99_us: float
+    p99_us: float | None
     target_us: float | None = None
 
 
@@ -74,13 +75,13 @@ def look_up(table: MotionTable, count: int = 2000) -> list[Figure]:
 
     def by_spline(mean_m: float, difference_m: float) -> list[Array]:
         return [
-            spline.ev(mean_m, difference_m, dx=along, dy=across)
+            spline.ev([mean_m], [difference_m], dx=along, dy=across)
             for spline in splines
             for along, across in ((0, 0), (1, 0), (0, 1))
         ]
 
     def each(function: Callable[[float, float], object]) -> list[Callable[[], object]]:
-        return [lambda m=m, d=d: function(m, d) for m, d in places]  # type: ignore[misc]  # mypy: lambda defaults
+        return [partial(function, mean_m, difference_m) for mean_m, difference_m in places]
 
     return [
         measured("table look-up", each(table.at_excursion), 10.0),
@@ -98,11 +99,11 @@ def smoothing(count: int = 2000) -> list[Figure]:
         s, ds, dds = 1 - np.cos(w * t), w * np.sin(w * t), w * w * np.cos(w * t)
         pose, rate, change = ((0.002 * k, 0.006 * k, 0.05 * k) for k in (float(s), float(ds), float(dds)))
         targets.append(PlanarMotion(pose, rate, change))
-    return [measured("smoothing (Ruckig, 3 numbers)", [lambda t=t: smoother.step(t) for t in targets], 15.0)]  # type: ignore[misc]
+    return [measured("smoothing (Ruckig, 3 numbers)", [partial(smoother.step, target) for target in targets], 15.0)]
 
 
 def inverse_kinematics(config: RobotConfig, joint_rad: tuple[float, ...], count: int = 1500) -> list[Figure]:
-    """Following a wrist that moves 12 mm as in a squeeze: the cycle's QP, the pseudo-inverse, and SciPy's lsq_linear."""
+    """Following a wrist that moves 12 mm as in a squeeze: the QP, the pseudo-inverse, and SciPy's lsq_linear."""
     parameters = load_wam_parameters()
     limits = config.arm.limits
     bounds = JointLimits(
@@ -125,7 +126,7 @@ def inverse_kinematics(config: RobotConfig, joint_rad: tuple[float, ...], count:
             v[:] = answer.velocity
             q[:] += PERIOD_S * v
 
-        return [lambda n=n: step(n) for n in range(count)]  # type: ignore[misc]
+        return [partial(step, number) for number in range(count)]
 
     return [
         measured("inverse kinematics (QP with bounds)", follow("qp"), 80.0),
@@ -156,51 +157,78 @@ def _bounded_rival(
         v = lsq_linear(model.jacobian(q), wanted, bounds=(-limits.velocity_rad_s, limits.velocity_rad_s)).x
         q[:] += PERIOD_S * v
 
-    return [lambda n=n: step(n) for n in range(count)]  # type: ignore[misc]
+    return [partial(step, number) for number in range(count)]
 
 
 def table_build(hand: Hand, thing: GraspObject, split: float, nodes: tuple[int, ...]) -> list[Figure]:
-    """Whole tables; beside them, what the same number of nodes would take with one SLSQP each."""
+    """Whole tables; beside them, what as many equilibria by a general optimiser would take."""
+    grasp = GraspSpec(onset_split=split)
     figures = []
     for count in nodes:
-        name = f"motion table, {count} × {count} nodes"
-        build = measured_once(name, lambda count=count: build_table(hand, thing, GraspSpec(onset_split=split), nodes=count))
-        figures.append(build)
-    one = _slsqp_equilibrium(grasp_system(hand, thing, GraspSpec(onset_split=split)))
+        began_ns = time.process_time_ns()
+        table = build_table(hand, thing, grasp, nodes=count)
+        taken_us = (time.process_time_ns() - began_ns) * 1e-3
+        figures.append(Figure(f"motion table, {count} × {count} nodes, whole", taken_us, None))
+    one = _slsqp_equilibrium(hand, thing, grasp_system(hand, thing, grasp).first_state()[:7], table)
     most = nodes[-1]
-    figures.append(Figure("rival: SLSQP, one equilibrium", one.median_us, one.p99_us))
-    figures.append(Figure(f"rival: SLSQP for {most} × {most} nodes, reckoned", one.median_us * most**2, np.nan))
-    return figures
+    whole = Figure(f"rival: SLSQP for {most} × {most} nodes, reckoned", one.median_us * most**2, None)
+    return [*figures, one, whole]
 
 
-def measured_once(name: str, call: Callable[[], object]) -> Figure:
-    """A call that takes long enough to be timed once."""
-    began_ns = time.process_time_ns()
-    call()
-    taken_us = (time.process_time_ns() - began_ns) * 1e-3
-    return Figure(name, taken_us, np.nan)
+def _slsqp_equilibrium(hand: Hand, thing: GraspObject, contact: Array, table: MotionTable, count: int = 8) -> Figure:
+    """Elastic energy minimised under contact and tendons written with trigonometry (hand-mechanics reference 6).
 
+    `contact` (7): joint angles and the object's planar pose at first contact. Found the same as the table, or an error.
+    """
+    finger, shape = hand.right, thing.shape
+    joints = [joint for joint in finger.joints if isinstance(joint, PinJoint)]
+    assert len(joints) == 2
+    assert isinstance(shape, Disc)
+    disc_m, tip_m = 0.5 * shape.diameter_m, finger.tip.radius_m
+    stiffness = np.array([joint.stiffness_Nm_per_rad for joint in joints] * 2)
+    arms = np.array(finger.tendon_arm_m)
+    rest = np.radians(finger.rest_angle_deg)
+    reach_m = finger.distal_link_m - tip_m
+    mean_m, difference_m = 2e-3, 2e-4
+    wound_m = (mean_m + 0.5 * difference_m, mean_m - 0.5 * difference_m)
+    scale = np.array([1, 1, 1, 1, 0.03, 0.03, 1])
 
-def _slsqp_equilibrium(grasp: GraspSystem, count: int = 8) -> Figure:
-    """The equations' residual as constraints of a general optimiser, from the neighbouring node as start."""
-    drive, w0 = excursion_drive(grasp), grasp.first_state()[None]
-    begin = drive.rows @ w0[0]
-    end = begin + np.array([2e-3, 4e-4])
-    w = advance(grasp, w0, drive, begin[None], end[None])
-    beside = advance(grasp, w0, drive, begin[None], (end + np.array([1.5e-4, 0.0]))[None])[0]
-    scale = np.maximum(np.abs(w[0]), 1e-3)
+    def to_object(z: Array, side: int) -> tuple[Array, float]:
+        first = rest[0] + z[2 * side]
+        second = first + rest[1] + z[2 * side + 1]
+        x_m = hand.root_half_distance_m + finger.proximal_link_m * np.cos(first) + reach_m * np.cos(second)
+        y_m = finger.proximal_link_m * np.sin(first) + reach_m * np.sin(second)
+        mirrored = side == 1
+        centre = np.array([-x_m if mirrored else x_m, y_m])
+        return z[4:6] - centre, float(np.pi - second if mirrored else second)
 
-    def residual(scaled: Array) -> Array:
-        found: Array = grasp.residual((scaled * scale)[None], drive, end[None])[0]
-        return found
+    def constraints(scaled: Array) -> Array:
+        z = scaled * scale
+        found = []
+        for side in (0, 1):
+            joints_now, joints_then = z[2 * side : 2 * side + 2], contact[2 * side : 2 * side + 2]
+            (now, angle), (then, angle_then) = to_object(z, side), to_object(contact, side)
+            turned = np.arctan2(then[0] * now[1] - then[1] * now[0], then @ now)
+            found.append(arms @ (joints_now - joints_then) - wound_m[side])
+            found.append(np.hypot(*now) - disc_m - tip_m)
+            rolled = (disc_m + tip_m) * turned - tip_m * (angle - angle_then) - disc_m * (z[6] - contact[6])
+            found.append(rolled)
+        return np.array(found) / 0.03
 
-    def solve() -> None:
-        minimize(
-            lambda x: float(np.sum((x - beside / scale) ** 2)),
-            beside / scale,
+    def energy(scaled: Array) -> float:
+        return float(50.0 * (stiffness * (scaled * scale)[:4] ** 2).sum())
+
+    def solve() -> Array:
+        best = minimize(
+            energy,
+            contact / scale,
             method="SLSQP",
-            constraints={"type": "eq", "fun": residual},
-            options={"ftol": 1e-12, "maxiter": 100},
+            constraints=NonlinearConstraint(constraints, 0.0, 0.0),
+            options={"ftol": 1e-14, "maxiter": 300},
         )
+        return np.asarray(best.x * scale)
 
-    return measured("SLSQP", [solve] * count)
+    expected = np.array(table.at_excursion(mean_m, difference_m).planar_motion)
+    if not np.allclose(solve()[4:7] - contact[4:7], expected, atol=2e-5):
+        raise MechanicsError("benchmark", "the general optimiser finds another equilibrium than the table.")
+    return measured("rival: SLSQP, one equilibrium", [solve] * count)
