@@ -111,6 +111,7 @@ class Daemon:
         self._phase: Literal["starting", "running", "stopping"] = "starting"
         self._phase_end_ns = self._clock.now_ns() + nanoseconds(LONGEST_START_S)
         self._arm_state: ArmState | None = None
+        self._activated = False
         self._last_cycle = -1.0
         self._watchdog_ns = 0
         self._lost_ns = 0
@@ -259,8 +260,9 @@ class Daemon:
         state = ArmState(int(record["arm_state"]))
         if state is self._arm_state:
             return
-        first, self._arm_state = self._arm_state is None, state
-        if state is ArmState.IDLE and first and self._choices.activate:
+        self._arm_state = state
+        if state is ArmState.IDLE and self._choices.activate and not self._activated:
+            self._activated = True
             self._children["world"].lifeline.say(Word.PRESS, "activate")
             return
         prompt = {

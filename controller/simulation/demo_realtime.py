@@ -13,7 +13,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import msgspec
 import numpy as np
@@ -46,7 +46,8 @@ def run_in_real_time(
             f'[tables]\ndirectory = "{Path(config.tables.directory).resolve()}"\n',
             encoding="utf-8",
         )
-        daemon = _start(installation, case, recording)
+        messages = (Path(directory) / "messages").open("w+", encoding="utf-8")
+        daemon = _start(installation, case, recording, messages)
         try:
             say("real time: front, cycle, hand and world run as processes")
             with Client(endpoint, reply_timeout_s=5.0) as client:
@@ -55,6 +56,7 @@ def run_in_real_time(
                 say(f"real time: squeezed, {_applied(squeezed)}")
         finally:
             _stop(daemon)
+            messages.close()
     return cycle_figures(recording)
 
 
@@ -83,14 +85,14 @@ def _percentiles(values: list[float]) -> dict[str, float]:
     return {"p50": float(np.percentile(values, 50)), "p99": float(np.percentile(values, 99))}
 
 
-def _start(installation: Path, case: GraspCase, recording: Path) -> subprocess.Popen[str]:
+def _start(installation: Path, case: GraspCase, recording: Path, messages: IO[str]) -> subprocess.Popen[str]:
     x, y, z = case.object_xyz_m
-    command = [sys.executable, "-m", "controller.cli", "run", "--simulate", "--json"]
+    command = [sys.executable, "-c", "from controller.cli import main; main()", "run", "--simulate", "--json"]
     command += ["--config", str(installation), "--object", case.scene.object]
     command += ["--object-xyz", str(x), str(y), str(z), "--object-yaw", str(case.object_yaw_rad)]
     command += ["--record", str(recording.resolve())]
     daemon = subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=messages, text=True
     )
     assert daemon.stdout is not None
     line = daemon.stdout.readline()  # comes when it runs, or ends when it does not
@@ -98,7 +100,8 @@ def _start(installation: Path, case: GraspCase, recording: Path) -> subprocess.P
         json.loads(line)
     except ValueError as error:
         _stop(daemon)
-        raise DeviceError("daemon", "did not come up.", help="See why: stillgrasp run --simulate") from error
+        messages.seek(0)
+        raise DeviceError("daemon", f"did not come up; it said: {messages.read().strip() or 'nothing'}") from error
     return daemon
 
 

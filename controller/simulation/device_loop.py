@@ -1,8 +1,8 @@
 """One select loop in front of simulated devices: their sockets, and the physics behind them on time.
 
-A turn waits for bytes, a due answer or the next physics deadline, moves the physics up to now, and lets the buses carry
-what has come. Physics deadlines are 1 ms apart; what a device reports in between is sampled at its own moment anyway,
-because the physics is brought up to it first.
+A turn waits for bytes, a due answer or the next physics deadline, and lets the buses carry what has come. The physics
+is moved up to the present when bytes come to a silent bus and whenever nothing is under way, but not while answers
+travel: they were sampled already, and would come late on a slow machine.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ from typing import Protocol
 from controller.simulation.stepped_clock import SteppedClock
 from drivers.clock import nanoseconds
 
-PHYSICS_DEADLINE_NS = nanoseconds(0.001)
+PHYSICS_DEADLINE_NS = nanoseconds(0.0005)
+LONGEST_LAG_NS = nanoseconds(0.002)
+"""A bus that is never silent does not stop the physics."""
 DELIVERY_NS = nanoseconds(0.00015)
 """Frames that end on the wire within this time of each other are delivered together, as an adapter would: to wake for
 each of a CAN bus at half load would cost half a processor."""
@@ -53,19 +55,23 @@ class DeviceLoop:
         self._say = say
         self._said_ns = -_SAYING_PERIOD_NS
         self._told_drops = 0
+        self._advanced_ns = clock.now_ns()
 
     def turn(self, others: Sequence[HasFileno] = ()) -> list[HasFileno]:
         """One turn; which of `others` are readable."""
         clock = self._clock
-        due_ns = clock.now_ns() + PHYSICS_DEADLINE_NS
+        due_ns, silent = clock.now_ns() + PHYSICS_DEADLINE_NS, True
         for bus in self._buses:
             bus_due_ns = bus.next_due_ns()
             if bus_due_ns is not None:
+                silent = False
                 due_ns = min(due_ns, max(bus_due_ns, clock.now_ns() + DELIVERY_NS))
         waited: list[int | HasFileno] = [*self._descriptors(), *others]
         readable = select.select(waited, [], [], clock.until_ns(due_ns) * 1e-9)[0]
         now_ns = clock.step()
-        self._advance(now_ns)
+        if silent or now_ns - self._advanced_ns > LONGEST_LAG_NS:
+            self._advance(now_ns)
+            self._advanced_ns = now_ns
         for bus in self._buses:
             bus.step(now_ns)
         if clock.drops != self._told_drops and now_ns - self._said_ns > _SAYING_PERIOD_NS:

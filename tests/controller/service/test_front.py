@@ -266,14 +266,6 @@ def test_what_the_front_refuses_never_reaches_the_cycle(
     assert office.heard() == []
 
 
-def test_a_squeeze_above_the_cap_never_reaches_the_cycle(office: Office) -> None:
-    """The configured load cap holds before anything moves."""
-    office.planner.table = TABLE
-    office.ask("grasp.squeeze", load_N=121.0)
-    assert office.only_answer()["error"]["code"] == "load_above_cap"
-    assert office.heard() == []
-
-
 def test_a_table_is_in_force_only_once_the_cycle_has_it(office: Office) -> None:
     """While something is gripped the cycle refuses another table: squeezes go on by the one it has."""
     office.planner.table, office.planner.table_name = TABLE, "the one in force"
@@ -371,13 +363,6 @@ def test_a_full_link_refuses_and_recovers(office: Office) -> None:
     (command,) = office.heard()
     office.tell(EventKind.COMPLETED, command.token)
     assert office.only_answer()["ok"] is True
-
-
-def test_events_about_nothing_are_passed_over(office: Office) -> None:
-    """A token that nobody waits for changes nothing."""
-    office.tell(EventKind.COMPLETED, 999)
-    office.tell(EventKind.FAILED, 999, Reason.COLLISION)
-    assert office.answers() == []
 
 
 def test_answers_at_once_what_it_knows(office: Office) -> None:
