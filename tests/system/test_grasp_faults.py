@@ -1,6 +1,6 @@
 """One robot on virtual time through everything that can go wrong while it holds an object; and twice the same bytes.
 
-The runs are shared between tests: each takes some seconds. What a test asserts of the world is its truth, read beside it.
+The runs are shared between tests: each takes seconds. What a test asserts of the world is its truth, read beside it.
 """
 
 from __future__ import annotations

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pinocchio
 import pytest
-from numpy.typing import NDArray
 
 from controller.config import RobotConfig
 from controller.service.assembly import configured_hand
@@ -21,8 +20,6 @@ from controller.simulation.truth import WorldObserver, WorldTruth
 from controller.simulation.world import World
 
 pytestmark = pytest.mark.slow
-Array = NDArray[np.float64]
-TICK_M = 2 * np.pi / 4096 * 0.0105
 
 
 class Watcher:
