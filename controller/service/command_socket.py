@@ -18,6 +18,8 @@ from drivers.clock import Clock
 from drivers.errors import ConfigurationError
 
 _LONGEST_MESSAGE_BYTES = 16 * 1024 * 1024
+_LAST_WORDS_MS = 200
+"""How long closing may take to hand over what was said just before, such as that the arm has stopped."""
 
 Address = tuple[bytes, ...]
 """Who sent a message; opaque, and good as a key."""
@@ -94,7 +96,7 @@ class CommandSocket:
         return None
 
     def close(self) -> None:
-        self._context.destroy(linger=0)
+        self._context.destroy(linger=_LAST_WORDS_MS)
         self._path.unlink(missing_ok=True)
 
 

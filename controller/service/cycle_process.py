@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 from controller.config import RobotConfig
 from controller.cycle.cycle import Cycle, CycleLinks, Parts
@@ -29,7 +30,9 @@ from controller.service.links import (
 from controller.service.realtime import RealtimeReport, RealtimeSettings, enter_realtime
 from controller.service.stop_requests import StopRequests
 from drivers.clock import Clock, MonotonicClock, nanoseconds
+from drivers.wam.arm import Arm, ArmSample
 from drivers.wam.bus import PythonCanBus, open_can
+from drivers.wam.parameters import load_wam_parameters
 
 LONGEST_STOP_S = 5.0
 """A cycle that cannot come to rest, because its bus is dead, does not stay behind."""
@@ -49,6 +52,24 @@ class SurvivingEvents(OrderedSender):
         except (LinkClosed, LinkFull):
             self.lost = True
             return -1
+
+
+class SimulatedArm(Arm):
+    """A simulated arm on a shared machine: its replies are late as often as its process has to wait.
+
+    Positions of different times do not make joint angles, so an incomplete reading is passed over for the last complete
+    one, with the time of that; the joint control then lets its last torque stand.
+    """
+
+    _complete: ArmSample | None = None
+
+    def collect_positions(self, deadline_ns: int) -> ArmSample:
+        sample = super().collect_positions(deadline_ns)
+        if sample.complete:
+            self._complete = sample
+        elif self._complete is not None:
+            return replace(sample, joint_rad=self._complete.joint_rad, sample_ns=self._complete.sample_ns)
+        return sample
 
 
 def run_cycle(assignment: Assignment, lifeline: Lifeline, stop: StopRequests) -> int:
@@ -99,6 +120,7 @@ def _parts(config: RobotConfig, bus: PythonCanBus, clock: Clock, simulated: bool
             silent_cycles=round(SIMULATED_PAUSE_S / config.cycle.period_s),
             residual_time_s=SIMULATED_PAUSE_S,
         )
+        parts.arm = SimulatedArm(bus, clock, load_wam_parameters())
         parts.safety = SafetyMonitor(limits, config.cycle.period_s)
     return parts
 

@@ -51,7 +51,7 @@ def run_world(assignment: Assignment, lifeline: Lifeline, stop: StopRequests) ->
             _link(link, pty.port)
             try:
                 priority = config.cycle.priority - _BELOW_CYCLE
-                enter_realtime(RealtimeSettings(freeze_garbage=True)); os.setpriority(os.PRIO_PROCESS, 0, -10)
+                enter_realtime(RealtimeSettings(priority=priority if priority > 0 else None, freeze_garbage=True))
                 clock.resume()
                 _loop(devices, hub, pty, clock, lifeline, stop)
             finally:
