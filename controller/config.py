@@ -153,6 +153,14 @@ class Squeeze(_Table, frozen=True):
     jerk_m_s3: Annotated[float, Meta(gt=0, le=1000)]
 
 
+class Safety(_Table, frozen=True):
+    """Bands beyond which the cycle stops (joints: 7, base to tool)."""
+
+    tracking_error_rad: Rates
+    torque_residual_Nm: Amounts
+    hand_age_s: Annotated[float, Meta(ge=0.01, le=10)]
+
+
 class Front(_Table, frozen=True):
     """Where commands come in and the state goes out."""
 
@@ -196,6 +204,7 @@ class RobotConfig(_Table, frozen=True):
     cycle: Cycle
     compensation: Compensation
     squeeze: Squeeze
+    safety: Safety
     front: Front
     tables: Tables
     recorder: Recording

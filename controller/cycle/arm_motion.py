@@ -87,9 +87,7 @@ class ArmMotion:
         self.joint_acceleration_rad_s2[:] = 0.0
         T_world_wrist = self._model.wrist_pose(joint_rad)
         if offset is not STILL:
-            R_offset, t_offset = self._offset.pose(offset)
-            T_world_wrist[:3, :3] = T_world_wrist[:3, :3] @ R_offset.T
-            T_world_wrist[:3, 3] -= T_world_wrist[:3, :3] @ t_offset
+            T_world_wrist = T_world_wrist @ np.linalg.inv(self._offset.matrix(offset))
         self.T_world_wrist_plan = T_world_wrist
         self._kinematics.set_posture(joint_rad)
         self.scale = 1.0
@@ -195,26 +193,19 @@ class ArmMotion:
 
     def _aim(self, offset: PlanarMotion, linear: Array | None, angular: Array | None) -> None:
         """Wrist target and twist, world axes: T_plan · X."""
-        R_plan, p_plan = self.T_world_wrist_plan[:3, :3], self.T_world_wrist_plan[:3, 3]
         if offset is STILL:
-            self._target[:3, :3] = R_plan
-            self._target[:3, 3] = p_plan
+            self._target[:] = self.T_world_wrist_plan
             self._twist[:] = 0.0
+            arm = None
         else:
-            R_offset, t_offset = self._offset.pose(offset)
-            v_offset, w_offset = self._offset.twist(offset, R_offset)
-            self._target[:3, :3] = R_plan @ R_offset
-            arm = R_plan @ t_offset
-            self._target[:3, 3] = p_plan + arm
-            self._twist[:3] = R_plan @ v_offset
-            self._twist[3:] = R_plan @ w_offset
-            if angular is not None:
-                self._twist[0] += angular[1] * arm[2] - angular[2] * arm[1]
-                self._twist[1] += angular[2] * arm[0] - angular[0] * arm[2]
-                self._twist[2] += angular[0] * arm[1] - angular[1] * arm[0]
+            arm = self._offset.lay_on(self.T_world_wrist_plan, offset, self._target, self._twist)
         if linear is not None and angular is not None:
             self._twist[:3] += linear
             self._twist[3:] += angular
+            if arm is not None:
+                self._twist[0] += angular[1] * arm[2] - angular[2] * arm[1]
+                self._twist[1] += angular[2] * arm[0] - angular[0] * arm[2]
+                self._twist[2] += angular[0] * arm[1] - angular[1] * arm[0]
 
     def _end_path(self) -> None:
         if self._joint_path is not None:

@@ -16,6 +16,7 @@ import numpy as np
 import ruckig
 from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
 Vector3 = tuple[float, float, float]
 
 
@@ -80,6 +81,8 @@ class OffsetSmoother:
         self._input.target_acceleration = [0.0, 0.0, 0.0]
         self._input.synchronization = ruckig.Synchronization.No
         self.motion = STILL
+        self.failures = 0
+        """Periods in which no plan was found."""
 
     def reset(self) -> None:
         """No offset, and none under way."""
@@ -90,16 +93,23 @@ class OffsetSmoother:
         dt, request, limits = self._period_s, self._input, self._limits
         pose, rate, acceleration = self.motion
         request.current_position = [
-            o - (p - v * dt + 0.5 * a * dt * dt)
+            _clean(o - (p - v * dt + 0.5 * a * dt * dt))
             for o, p, v, a in zip(pose, target.pose, target.rate, target.acceleration, strict=True)
         ]
         request.current_velocity = [
-            o - (v - a * dt) for o, v, a in zip(rate, target.rate, target.acceleration, strict=True)
+            _clean(o - (v - a * dt)) for o, v, a in zip(rate, target.rate, target.acceleration, strict=True)
         ]
-        request.current_acceleration = [o - a for o, a in zip(acceleration, target.acceleration, strict=True)]
+        request.current_acceleration = [_clean(o - a) for o, a in zip(acceleration, target.acceleration, strict=True)]
         request.max_velocity = [_left(m, v) for m, v in zip(limits.velocity, target.rate, strict=True)]
         request.max_acceleration = [_left(m, a) for m, a in zip(limits.acceleration, target.acceleration, strict=True)]
-        self._generator.update(request, self._output)
+        try:
+            self._generator.update(request, self._output)
+        except ruckig.RuckigError:
+            # Known of rare inputs near a solution's edge: coast for this period, from where it plans anew.
+            self.failures += 1
+            coasted = [o + v * dt for o, v in zip(pose, rate, strict=True)]
+            self.motion = PlanarMotion((coasted[0], coasted[1], coasted[2]), rate, STILL.acceleration)
+            return self.motion
         self.motion = PlanarMotion(
             _sum(target.pose, self._output.new_position),
             _sum(target.rate, self._output.new_velocity),
@@ -111,37 +121,53 @@ class OffsetSmoother:
 class WristOffset:
     """X and its twist from the planar hand offset, for one mount T_wrist_hand."""
 
-    def __init__(self, T_wrist_hand: NDArray[np.float64]) -> None:
-        self._R = T_wrist_hand[:3, :3].copy()
-        self._origin = T_wrist_hand[:3, 3].copy()
-        self._normal = self._R[:, 2].copy()
-        self._normal_cross = np.array(
-            [
-                [0.0, -self._normal[2], self._normal[1]],
-                [self._normal[2], 0.0, -self._normal[0]],
-                [-self._normal[1], self._normal[0], 0.0],
-            ]
-        )
-        self._normal_cross2 = self._normal_cross @ self._normal_cross
-        self._x_axis = self._R[:, 0].copy()
-        self._y_axis = self._R[:, 1].copy()
-        self._identity = np.eye(3)
+    def __init__(self, T_wrist_hand: Array) -> None:
+        self._T_wrist_hand = T_wrist_hand.copy()
+        self._T_hand_wrist = np.linalg.inv(T_wrist_hand)
+        self._R_hand_wrist = self._T_hand_wrist[:3, :3].copy()
+        self._p_hand_wrist = self._T_hand_wrist[:3, 3].copy()
+        self._R_world_hand = np.eye(3)
+        self._turned = np.eye(3)
 
-    def pose(self, motion: PlanarMotion) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """X as (rotation 3×3, translation m), in wrist axes."""
-        x, y, angle = motion.pose
-        rotation = self._identity + math.sin(angle) * self._normal_cross + (1.0 - math.cos(angle)) * self._normal_cross2
-        translation = self._x_axis * x + self._y_axis * y + self._origin - rotation @ self._origin
-        return rotation, translation
+    def matrix(self, offset: PlanarMotion) -> Array:
+        """X = T_WH · D · T_WH⁻¹, 4×4."""
+        x, y, angle = offset.pose
+        cos, sin = math.cos(angle), math.sin(angle)
+        D = np.array([[cos, -sin, 0.0, x], [sin, cos, 0.0, y], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+        X: Array = self._T_wrist_hand @ D @ self._T_hand_wrist
+        return X
 
-    def twist(
-        self, motion: PlanarMotion, rotation: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Velocity of the wrist origin and angular velocity, both in the axes of the planned wrist."""
-        vx, vy, w = motion.rate
-        angular = self._normal * w
-        linear = self._x_axis * vx + self._y_axis * vy - w * (self._normal_cross @ (rotation @ self._origin))
-        return linear, angular
+    def lay_on(self, T_world_wrist: Array, offset: PlanarMotion, target: Array, twist: Array) -> Array:
+        """Write T_world_wrist · X into `target` (4×4) and the offset's twist (6, world axes, linear first, at the target's
+        origin) into `twist`; returns the shift (3, m) from planned to target origin. The same as `matrix`, without
+        building X: this runs in the cycle."""
+        x, y, angle = offset.pose
+        vx, vy, rate = offset.rate
+        cos, sin = math.cos(angle), math.sin(angle)
+        R, turned = self._R_world_hand, self._turned
+        R_plan, p_plan = T_world_wrist[:3, :3], T_world_wrist[:3, 3]
+        np.dot(R_plan, self._T_wrist_hand[:3, :3], out=R)
+        x_axis, y_axis, normal = R[:, 0], R[:, 1], R[:, 2]
+        turned[:, 0] = cos * x_axis + sin * y_axis
+        turned[:, 1] = cos * y_axis - sin * x_axis
+        turned[:, 2] = normal
+        lever = turned.dot(self._p_hand_wrist)
+        shift: Array = R_plan.dot(self._T_wrist_hand[:3, 3]) + x * x_axis + y * y_axis + lever
+        target[:3, :3] = turned.dot(self._R_hand_wrist)
+        target[:3, 3] = p_plan + shift
+        n0, n1, n2 = normal.tolist()
+        l0, l1, l2 = lever.tolist()
+        twist[:3] = vx * x_axis + vy * y_axis
+        twist[0] += rate * (n1 * l2 - n2 * l1)
+        twist[1] += rate * (n2 * l0 - n0 * l2)
+        twist[2] += rate * (n0 * l1 - n1 * l0)
+        twist[3:] = rate * normal
+        return shift
+
+
+def _clean(value: float) -> float:
+    """Round-off of a deviation that has ended would only send Ruckig looking for a plan."""
+    return 0.0 if abs(value) < 1e-11 else value
 
 
 def _left(limit: float, used: float) -> float:

@@ -108,7 +108,14 @@ def cycle_parts(config: RobotConfig, bus: CanBus, clock: Clock) -> Parts:
         orders=orders,
         smoother=OffsetSmoother(period_s, offset_limits),
         safety=SafetyMonitor(
-            SafetyLimits(offset_m=compensation.max_offset_m, offset_rad=compensation.max_offset_rad), period_s
+            SafetyLimits(
+                tracking_error_rad=config.safety.tracking_error_rad,
+                torque_residual_Nm=config.safety.torque_residual_Nm,
+                hand_age_s=config.safety.hand_age_s,
+                offset_m=compensation.max_offset_m,
+                offset_rad=compensation.max_offset_rad,
+            ),
+            period_s,
         ),
         settings=CycleSettings(period_s=period_s),
     )

@@ -78,39 +78,49 @@ def test_no_motion_needs_no_offset(contact: Vector3) -> None:
     assert hand_offset(contact, contact, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)).pose == pytest.approx((0, 0, 0), abs=1e-15)
 
 
-@given(places, turns)
-def test_wrist_offset_is_the_conjugate_by_the_mount(offset: Vector3, turn: Vector3) -> None:
-    """X = T_WH·D·T_WH⁻¹, whatever the hand's mounting; with it the object's pose in the world does not change."""
-    T_wrist_hand = mount(turn)
-    rotation, translation = WristOffset(T_wrist_hand).pose(PlanarMotion(offset, STILL.rate, STILL.acceleration))
+def laid_on(wrist: WristOffset, plan: Array, offset: PlanarMotion) -> tuple[Array, Array]:
+    """Target pose and twist on top of a planned wrist."""
+    target, twist = np.eye(4), np.zeros(6)
+    shift = wrist.lay_on(plan, offset, target, twist)
+    np.testing.assert_allclose(target[:3, 3] - plan[:3, 3], shift, atol=1e-12)
+    return target, twist
+
+
+@given(places, turns, turns)
+def test_wrist_offset_is_the_conjugate_by_the_mount(offset: Vector3, turn: Vector3, plan_turn: Vector3) -> None:
+    """X = T_WH·D·T_WH⁻¹, whatever the hand's mounting and the planned wrist, built or laid on."""
+    T_wrist_hand, plan = mount(turn), mount(plan_turn)
+    motion = PlanarMotion(offset, STILL.rate, STILL.acceleration)
     X = T_wrist_hand @ planar(offset) @ np.linalg.inv(T_wrist_hand)
-    np.testing.assert_allclose(rotation, X[:3, :3], atol=1e-12)
-    np.testing.assert_allclose(translation, X[:3, 3], atol=1e-12)
+    wrist = WristOffset(T_wrist_hand)
+    np.testing.assert_allclose(wrist.matrix(motion), X, atol=1e-12)
+    np.testing.assert_allclose(laid_on(wrist, plan, motion)[0], plan @ X, atol=1e-12)
 
 
 @given(places, places, rates, turns)
 def test_compensated_object_stands_still(contact: Vector3, pose: Vector3, rate: Vector3, turn: Vector3) -> None:
     """The whole law of the project: T_plan·X·T_WH·T_HO(t) is the same for every t."""
     T_wrist_hand = mount(turn)
-    rotation, translation = WristOffset(T_wrist_hand).pose(hand_offset(contact, pose, rate, rate))
-    X = np.eye(4)
-    X[:3, :3], X[:3, 3] = rotation, translation
+    X = WristOffset(T_wrist_hand).matrix(hand_offset(contact, pose, rate, rate))
     np.testing.assert_allclose(X @ T_wrist_hand @ planar(pose), T_wrist_hand @ planar(contact), atol=1e-12)
 
 
-@given(places, rates, turns)
-def test_wrist_twist_is_the_rate_of_the_wrist_offset(offset: Vector3, rate: Vector3, turn: Vector3) -> None:
+@given(places, rates, turns, turns)
+def test_wrist_twist_is_the_rate_of_the_wrist_offset(
+    offset: Vector3, rate: Vector3, turn: Vector3, plan_turn: Vector3
+) -> None:
     """The feed-forward of the inverse kinematics agrees with a central difference of the pose it leads to."""
-    wrist = WristOffset(mount(turn))
+    wrist, plan = WristOffset(mount(turn)), mount(plan_turn)
     still: Vector3 = (0.0, 0.0, 0.0)
-    rotation, _ = wrist.pose(PlanarMotion(offset, rate, still))
-    linear, angular = wrist.twist(PlanarMotion(offset, rate, still), rotation)
+    _, twist = laid_on(wrist, plan, PlanarMotion(offset, rate, still))
     step_s = 1e-5
-    (R_before, p_before), (R_after, p_after) = (
-        wrist.pose(PlanarMotion(along(offset, rate, still, time_s), rate, still)) for time_s in (-step_s, step_s)
+    before, after = (
+        laid_on(wrist, plan, PlanarMotion(along(offset, rate, still, time_s), rate, still))[0]
+        for time_s in (-step_s, step_s)
     )
-    np.testing.assert_allclose(linear, (p_after - p_before) / (2 * step_s), atol=1e-8)
-    np.testing.assert_allclose(angular, pinocchio.log3(R_after @ R_before.T) / (2 * step_s), atol=1e-8)
+    np.testing.assert_allclose(twist[:3], (after[:3, 3] - before[:3, 3]) / (2 * step_s), atol=1e-8)
+    turned = pinocchio.log3(after[:3, :3] @ before[:3, :3].T)
+    np.testing.assert_allclose(twist[3:], turned / (2 * step_s), atol=1e-8)
 
 
 targets = st.tuples(st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), st.floats(-0.5, 0.5))
@@ -121,24 +131,45 @@ def of(limits: Vector3, share: Vector3) -> Vector3:
     return (limits[0] * share[0], limits[1] * share[1], limits[2] * share[2])
 
 
+OVERSHOOT = np.array(LIMITS.acceleration) ** 2 / (2 * np.array(LIMITS.jerk))
+"""Speed still gained while an acceleration is taken back within the jerk limit."""
+
+
 @settings(max_examples=40, deadline=None)
-@given(st.lists(st.tuples(targets, shares, shares), min_size=1, max_size=12))
-def test_smoother_stays_within_its_limits(jumps: list[tuple[Vector3, Vector3, Vector3]]) -> None:
-    """However the target jumps, in pose, rate or acceleration, the wrist moves on without a jump of its own."""
+@given(st.lists(st.tuples(targets, shares, shares), min_size=1, max_size=12), st.booleans())
+def test_smoother_stays_within_its_limits(jumps: list[tuple[Vector3, Vector3, Vector3]], standing: bool) -> None:
+    """However the target jumps the wrist moves on without a jump of its own: jerk and acceleration within their limits,
+    and speed too, but for what a target that jumps in speed itself makes it overshoot."""
     smoother = OffsetSmoother(PERIOD_S, LIMITS)
+    fastest = np.array(LIMITS.velocity) + (0.0 if standing else OVERSHOOT)
     previous = STILL
-    for pose, rate, acceleration in jumps:
+    for (x, y, angle), rate, acceleration in jumps:
+        pose = (0.987 * x, 0.987 * y, 0.987 * angle)  # round numbers meet Ruckig's own corners, see below
         target = PlanarMotion(pose, of(LIMITS.velocity, rate), of(LIMITS.acceleration, acceleration))
+        if standing:
+            target = PlanarMotion(pose, STILL.rate, STILL.acceleration)
         for _ in range(15):
             now = smoother.step(target)
             jerk = (np.array(now.acceleration) - previous.acceleration) / PERIOD_S
-            assert np.all(np.abs(now.rate) <= 1.001 * np.array(LIMITS.velocity))
+            assert np.all(np.abs(now.rate) <= 1.001 * fastest)
             assert np.all(np.abs(now.acceleration) <= 1.001 * np.array(LIMITS.acceleration))
             assert np.all(np.abs(jerk) <= 1.001 * np.array(LIMITS.jerk))
             mean_rate = 0.5 * (np.array(now.rate) + previous.rate)
             moved = np.array(now.pose) - previous.pose
             np.testing.assert_allclose(moved, mean_rate * PERIOD_S, atol=2 * max(LIMITS.jerk) * PERIOD_S**3)
             previous = now
+
+
+@pytest.mark.xfail(
+    reason="Ruckig finds no profile within rounding of 2 a³/j², and its error ends the cycle", strict=True
+)
+def test_smoother_survives_where_two_kinds_of_profile_meet() -> None:
+    """A step that just reaches the acceleration limit, to the last bit, is smoothed like its neighbours."""
+    meeting_rad = 2 * LIMITS.acceleration[2] ** 3 / LIMITS.jerk[2] ** 2
+    smoother = OffsetSmoother(PERIOD_S, LIMITS)
+    for _ in range(300):
+        smoother.step(PlanarMotion((0.0, 0.0, meeting_rad), STILL.rate, STILL.acceleration))
+    assert smoother.motion.pose[2] == pytest.approx(meeting_rad, abs=1e-9)
 
 
 def follow(smoother: OffsetSmoother, path: Callable[[float], PlanarMotion], duration_s: float) -> float:
