@@ -102,20 +102,27 @@ class OffsetSmoother:
         request.current_acceleration = [_clean(o - a) for o, a in zip(acceleration, target.acceleration, strict=True)]
         request.max_velocity = [_left(m, v) for m, v in zip(limits.velocity, target.rate, strict=True)]
         request.max_acceleration = [_left(m, a) for m, a in zip(limits.acceleration, target.acceleration, strict=True)]
-        try:
-            self._generator.update(request, self._output)
-        except ruckig.RuckigError:
-            # Known of rare inputs near a solution's edge: coast for this period, from where it plans anew.
-            self.failures += 1
-            coasted = [o + v * dt for o, v in zip(pose, rate, strict=True)]
-            self.motion = PlanarMotion((coasted[0], coasted[1], coasted[2]), rate, STILL.acceleration)
-            return self.motion
+        if not self._planned():
+            # Where two kinds of profile meet to the last bit Ruckig finds none; a nanometre aside it does.
+            request.current_position = [position + 1e-9 for position in request.current_position]
+            if not self._planned():
+                self.failures += 1
+                x, y, angle = (o + v * dt for o, v in zip(pose, rate, strict=True))
+                self.motion = PlanarMotion((x, y, angle), rate, STILL.acceleration)  # coast, and plan anew from there
+                return self.motion
         self.motion = PlanarMotion(
             _sum(target.pose, self._output.new_position),
             _sum(target.rate, self._output.new_velocity),
             _sum(target.acceleration, self._output.new_acceleration),
         )
         return self.motion
+
+    def _planned(self) -> bool:
+        try:
+            self._generator.update(self._input, self._output)
+        except ruckig.RuckigError:
+            return False
+        return True
 
 
 class WristOffset:

@@ -160,9 +160,6 @@ def test_smoother_stays_within_its_limits(jumps: list[tuple[Vector3, Vector3, Ve
             previous = now
 
 
-@pytest.mark.xfail(
-    reason="Ruckig finds no profile within rounding of 2 a³/j², and its error ends the cycle", strict=True
-)
 def test_smoother_survives_where_two_kinds_of_profile_meet() -> None:
     """A step that just reaches the acceleration limit, to the last bit, is smoothed like its neighbours."""
     meeting_rad = 2 * LIMITS.acceleration[2] ** 3 / LIMITS.jerk[2] ** 2
