@@ -16,8 +16,12 @@ export MKL_NUM_THREADS := 1
 demo: setup
 	$(BIN)/stillgrasp demo $(ARGS)
 
+# Tests in real time run by themselves: beside others they would measure the machine's load.
+REAL_TIME := tests/system/test_daemon.py tests/system/test_simulate.py
+
 test: check
-	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile $(addprefix --ignore=,$(REAL_TIME)) $(ARGS)
+	$(BIN)/python -m pytest $(REAL_TIME)
 
 check: setup
 	$(BIN)/ruff check .

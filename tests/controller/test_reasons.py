@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
 
@@ -30,3 +31,11 @@ def test_codes_are_distinct() -> None:
 def test_every_fault_says_what_to_do(reason: Reason) -> None:
     """Who stands before a robot that stopped is told the next step."""
     assert EXPLANATIONS[reason].help
+
+
+def test_every_reason_has_its_line_in_the_docs() -> None:
+    """Protects the operator who looks a code up: each stands in docs/faults.md with its message and its cure."""
+    page = (Path(__file__).parents[2] / "docs" / "faults.md").read_text(encoding="utf-8")
+    for reason in set(Reason) - {Reason.NONE}:
+        explanation = EXPLANATIONS[reason]
+        assert f"| `{explanation.code}` | {explanation.message} | {explanation.help} |" in page
