@@ -145,9 +145,9 @@ class WristOffset:
         return X
 
     def lay_on(self, T_world_wrist: Array, offset: PlanarMotion, target: Array, twist: Array) -> Array:
-        """Write T_world_wrist · X into `target` (4×4) and the offset's twist (6, world axes, linear first, at the target's
-        origin) into `twist`; returns the shift (3, m) from planned to target origin. The same as `matrix`, without
-        building X: this runs in the cycle."""
+        """Write T_world_wrist · X into `target` (4×4) and the offset's twist (6, world axes, linear first, at the
+        target's origin) into `twist`; returns the shift (3, m) from planned to target origin. The same as `matrix`
+        without building X: this runs in the cycle."""
         x, y, angle = offset.pose
         vx, vy, rate = offset.rate
         cos, sin = math.cos(angle), math.sin(angle)

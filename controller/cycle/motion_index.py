@@ -149,7 +149,9 @@ class MotionIndex:
         self._stretch_m = (sample.tension_N[0] * compliance[0], sample.tension_N[1] * compliance[1])
         load_N = sample.mean_tension_N
         decisive = sample
-        if self._onset_shift_N is not None and kind is not CompensationIndex.EXCURSION:
+        # Before contact, as again after release, there is no load of the object to go by.
+        touching = self._onset_shift_N is not None and sample.status is not Status.BEFORE_CONTACT
+        if touching and kind is not CompensationIndex.EXCURSION:
             load = self._observed_load(shifted, difference.position_m, sample, mean, winding=winding)
             by_load = self._table.at_load(load.position_m, difference.position_m)
             if by_load.usable:

@@ -187,5 +187,7 @@ class IndexObserver:
         expected_m = index.position_m - index.rate_m_s * (now_ns - sample_ns) * 1e-9
         error_m = measured_m - expected_m
         error_m -= min(max(error_m, -resolution_m), resolution_m)
+        if resolution_m > 0.0:
+            self._residual_rate_m_s *= math.exp(-interval_s * self._alpha_rate)  # drift ends with the motion it was of
         self._residual_m += min(self._alpha_rate * interval_s, 0.5) * error_m
         self._residual_rate_m_s += min(self._beta_rate * interval_s, 10.0) * error_m
