@@ -21,6 +21,7 @@ from calibration.toml_files import FieldError, from_document, load_document, mer
 from controller.pose import Pose
 
 DEFAULT_FILE = Path(__file__).with_name("robot.toml")
+SIMULATED_FILE = Path(__file__).with_name("simulated.toml")
 
 Text = Annotated[str, Meta(min_length=1)]
 _Angle = Annotated[float, Meta(ge=-6.3, le=6.3)]
@@ -55,7 +56,7 @@ class ArmLimits(_Table, frozen=True):
 class ArmGains(_Table, frozen=True):
     """Joint position control: a preset, of which single rows can be replaced."""
 
-    preset: Literal["stiff", "libbarrett"]
+    preset: Literal["stiff", "calm", "libbarrett"]
     kp_Nm_per_rad: Amounts | None = None
     kd_Nms_per_rad: Amounts | None = None
     ki_Nm_per_rad_s: Amounts | None = None
@@ -220,13 +221,18 @@ class RobotConfig(_Table, frozen=True):
         return self.hand.mount.matrix()
 
 
-def load_config(path: str | Path | None = None, overrides: Mapping[str, Any] | None = None) -> RobotConfig:
+def load_config(
+    path: str | Path | None = None, overrides: Mapping[str, Any] | None = None, *, simulated: bool = False
+) -> RobotConfig:
     """The installation in the file `path`, laid over the default one; without `path` the default one.
 
-    `overrides`, nested like the file, are laid over both: what the command line decides. Raises ConfigurationError.
+    `simulated`: below the file lies `simulated.toml` too, which a simulation in real time needs. `overrides`, nested
+    like the file, are laid over all: what the command line decides. Raises ConfigurationError.
     """
     file = DEFAULT_FILE if path is None else Path(path)
     document = load_document(DEFAULT_FILE)
+    if simulated:
+        document = merged(document, load_document(SIMULATED_FILE))
     if path is not None:
         document = merged(document, load_document(file))
     document = merged(document, overrides or {})

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import pinocchio
@@ -22,15 +21,10 @@ from numpy.typing import NDArray
 from controller.cycle.arm_model import ArmModel
 from controller.cycle.compensation import STILL, PlanarMotion, WristOffset
 from controller.cycle.inverse_kinematics import DifferentialInverseKinematics
+from controller.cycle.path_planning import Trajectory, planned
 from controller.cycle.path_time import ThrottledTime
 
 Array = NDArray[np.float64]
-
-
-class _Trajectory(Protocol):
-    duration: float
-
-    def at_time(self, time: float) -> tuple[list[float], list[float], list[float]]: ...
 
 
 @dataclass(frozen=True)
@@ -64,8 +58,8 @@ class ArmMotion:
         self._period_s = period_s
         self._limits = limits
         self._time = ThrottledTime(period_s, limits.stop_time_s)
-        self._joint_path: _Trajectory | None = None
-        self._wrist_path: _Trajectory | None = None
+        self._joint_path: Trajectory | None = None
+        self._wrist_path: Trajectory | None = None
         self._path_start = np.eye(4)
         self._path_shift = np.zeros(3)
         self._path_turn = np.zeros(3)
@@ -117,7 +111,7 @@ class ArmMotion:
         request.max_acceleration = [speed * a for a in limits.joint_acceleration_rad_s2]
         request.max_jerk = [speed * j for j in limits.joint_jerk_rad_s3]
         request.synchronization = ruckig.Synchronization.Phase
-        self._joint_path = _planned(request, 7)
+        self._joint_path = planned(request, 7)
         self._time.start()
 
     def move_wrist(self, T_world_wrist: Array, speed: float) -> None:
@@ -137,7 +131,7 @@ class ArmMotion:
         request.max_velocity = [speed / pace]
         request.max_acceleration = [speed * agility / pace]
         request.max_jerk = [speed * snap / pace]
-        self._wrist_path = _planned(request, 1)
+        self._wrist_path = planned(request, 1)
         self._path_start, self._path_shift, self._path_turn = start, shift, turn
         self._time.start()
 
@@ -162,7 +156,7 @@ class ArmMotion:
         self.scale = step.scale
         self.wrist_error_m = step.position_error_m
 
-    def _step_joints(self, path: _Trajectory, throttle: float) -> None:
+    def _step_joints(self, path: Trajectory, throttle: float) -> None:
         time_s, speed, speed_rate = self._time.step(throttle)
         angle, velocity, acceleration = path.at_time(min(time_s, path.duration))
         self.joint_rad[:] = angle
@@ -215,9 +209,3 @@ class ArmMotion:
             # The free motion leans to where the joints are: drifting elsewhere would show friction at the wrist.
             self._kinematics.set_posture(self.joint_rad)
         self._joint_path = self._wrist_path = None
-
-
-def _planned(request: ruckig.InputParameter, degrees: int) -> _Trajectory:
-    trajectory: _Trajectory = ruckig.Trajectory(degrees)
-    ruckig.Ruckig(degrees).calculate(request, trajectory)
-    return trajectory

@@ -283,7 +283,7 @@ class Grasping:
             self._halt(Reason.LOAD_CAP_REACHED)
 
     def _halt(self, reason: Reason) -> None:
-        if self._stop_reason is None:
+        if self._stop_reason is None or self._stop_reason is Reason.NONE:
             self._stop_reason = reason
 
     def _finish(self) -> None:

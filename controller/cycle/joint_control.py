@@ -79,7 +79,16 @@ STIFF_GAINS = JointGains(
 """As stiff as a 500 Hz loop with 1.5 ms from sample to torque and the velocity filter bears without friction's help:
 twice these gains are still stable (tested)."""
 
-GAIN_PRESETS = {"stiff": STIFF_GAINS, "libbarrett": LIBBARRETT_GAINS}
+CALM_GAINS = JointGains(
+    kp=(900.0,) * JOINTS,
+    ki=(4000.0,) * JOINTS,
+    kd=(55.0,) * JOINTS,
+    integral_limit_Nm=(5.0, 6.0, 4.0, 3.0, 1.0, 1.0, 0.5),
+    scaled_by_inertia=True,
+)
+"""For a simulation in real time on a machine that does not keep time, where torques come late."""
+
+GAIN_PRESETS = {"stiff": STIFF_GAINS, "calm": CALM_GAINS, "libbarrett": LIBBARRETT_GAINS}
 
 
 def preset_gains(

@@ -12,18 +12,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import ruckig
 
+from controller.cycle.path_planning import Trajectory, planned
 from controller.cycle.path_time import ThrottledTime
 from drivers.errors import InputError
-
-
-class _Trajectory(Protocol):
-    duration: float
-
-    def at_time(self, time: float) -> tuple[list[float], list[float], list[float]]: ...
 
 
 @dataclass(frozen=True)
@@ -49,7 +44,7 @@ class WindingProfile:
     def __init__(self, period_s: float, limits: WindingLimits, throttle_time_s: float = 0.03) -> None:
         self._limits = limits
         self._time = ThrottledTime(period_s, throttle_time_s)
-        self._trajectory: _Trajectory | None = None
+        self._trajectory: Trajectory | None = None
         self.state = WindingState(0.0, 0.0, 0.0)
 
     @property
@@ -90,9 +85,7 @@ class WindingProfile:
         request.max_jerk = [self._limits.jerk_m_s3]
         if duration_s is not None:
             request.minimum_duration = duration_s
-        trajectory = ruckig.Trajectory(1)
-        ruckig.Ruckig(1).calculate(request, trajectory)
-        self._trajectory = trajectory
+        self._trajectory = planned(request, 1)
         self._time.start()
 
     def step(self, throttle: float) -> WindingState:

@@ -40,7 +40,7 @@ class Launch:
 def launch(choices: Launch, *, say: Callable[[str], None], announce: Callable[[Mapping[str, Any]], None]) -> int:
     """Run the daemon until its end; the exit code. Raises StillgraspError if it cannot start."""
     overrides = {} if choices.tables is None else {"tables": {"directory": str(choices.tables.absolute())}}
-    config = load_config(choices.config, overrides)
+    config = load_config(choices.config, overrides, simulated=choices.simulated)
     scene = from_document(dict(choices.scene), SceneChoice, "command line")
     if scene.object is not None:
         load_object(scene.object)  # a wrong name is told here, not by a child

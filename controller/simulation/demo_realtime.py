@@ -43,8 +43,6 @@ def run_in_real_time(
         endpoint = f"ipc://{directory}/command"
         installation.write_text(
             f'[front]\ncommand_endpoint = "{endpoint}"\nstate_endpoint = "ipc://{directory}/state"\n'
-            # A shared machine stalls for tens of milliseconds; that is no fault of a simulated robot.
-            "[safety]\ntracking_error_rad = [0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5]\nhand_age_s = 1.0\n"
             f'[tables]\ndirectory = "{Path(config.tables.directory).resolve()}"\n',
             encoding="utf-8",
         )
