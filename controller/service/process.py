@@ -36,7 +36,7 @@ def main() -> int:
     lifeline = Lifeline(SocketLink.from_fileno(assignment.descriptors["front"]), MonotonicClock())
     try:
         run = _runner(assignment.role)
-        with StopRequests() as stop:
+        with StopRequests(keyboard=False) as stop:
             return run(assignment, lifeline, stop)
     except StillgraspError as error:
         lifeline.say(Word.FAILED, str(error))

@@ -17,10 +17,12 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 class StopRequests:
     """While entered, signals only set `received`; afterwards they do what they did before. Main thread only.
 
-    Signals that were ignored when it was entered (nohup, a child's SIGINT) stay ignored.
+    SIGINT is taken even where it was ignored before, as a shell does to its background jobs: somebody sent it. With
+    `keyboard` false it is ignored: a child's Ctrl-C is the front's to hear. SIGHUP stays ignored under nohup.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, keyboard: bool = True) -> None:
+        self._keyboard = keyboard
         self.received: signal.Signals | None = None
         self._before: dict[signal.Signals, Any] = {}
         self._wakeup_before = -1
@@ -32,7 +34,9 @@ class StopRequests:
         self._wakeup_before = signal.set_wakeup_fd(self._waking.fileno(), warn_on_full_buffer=False)
         handler: Callable[[int, FrameType | None], None] = self._receive
         for number in _SIGNALS:
-            if signal.getsignal(number) is not signal.SIG_IGN:
+            if number is signal.SIGINT and not self._keyboard:
+                self._before[number] = signal.signal(number, signal.SIG_IGN)
+            elif number is not signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
                 self._before[number] = signal.signal(number, handler)
         return self
 
