@@ -22,7 +22,7 @@ from rich.table import Table
 from controller.config import RobotConfig, load_config
 from controller.service.assembly import configured_hand
 from controller.simulation.demo_cases import GraspCase, approach_joints, case_table, demo_cases, run_case
-from controller.simulation.demo_realtime import run_in_real_time
+from controller.simulation.demo_realtime import real_time_figures
 from controller.simulation.demo_report import CaseResult, Trace, Track, draw, trace
 from drivers.errors import InputError
 
@@ -163,7 +163,7 @@ def demo(
     results = run_virtual(plan, output, say, workers=workers)
     cycle: dict[str, Any] = {}
     if real_time:
-        cycle = run_in_real_time(plan.config, plan.cases[0], output / "run.mcap", say)
+        cycle = real_time_figures(plan.config, plan.cases[0], output / "run.mcap", say)
     outcome = report(results, cycle, plan.table, seed)
     write(results, outcome, output)
     say(f"wrote {output / 'report.json'}, {output / 'motion.png'}" + (f", {output / 'run.mcap'}" if real_time else ""))

@@ -22,10 +22,26 @@ from calibration.motion_table import MotionTable
 from controller.client import Client
 from controller.config import RobotConfig
 from controller.simulation.demo_cases import GraspCase, approach_joints, command_grasp, table_name
-from drivers.errors import CommandError, DeviceError
+from drivers.errors import CommandError, DeviceError, StillgraspError
 
 START_TIMEOUT_S = 30.0
 STOP_TIMEOUT_S = 10.0
+
+
+def real_time_figures(
+    config: RobotConfig, case: GraspCase, recording: Path, say: Callable[[str], None], *, attempts: int = 2
+) -> dict[str, Any]:
+    """The cycle's figures of one grasp in real time. A machine that stalls may well make the daemon stop with a fault:
+    then it is run again, and after the last attempt the figures are those up to the fault, with its message beside them.
+    """
+    for attempt in range(1, attempts + 1):
+        try:
+            return run_in_real_time(config, case, recording, say)
+        except StillgraspError as error:
+            say(f"real time, attempt {attempt} of {attempts}: {error.message}")
+            interrupted = error.message
+    figures = cycle_figures(recording) if recording.exists() else _figures([], [], 0)
+    return {**figures, "interrupted": interrupted}
 
 
 def run_in_real_time(
@@ -64,17 +80,19 @@ def cycle_figures(recording: Path) -> dict[str, Any]:
     """Periods, missed ones, processor time and lateness (µs; median and 99th percentile) of a recording."""
     from mcap.reader import make_reader
 
-    cpu_us, late_us, missed, periods = [], [], 0, 0
+    cpu_us, late_us, missed = [], [], 0
     with recording.open("rb") as stream:
         for _, _, message in make_reader(stream).iter_messages(topics=["/cycle"]):
             record = msgspec.json.decode(message.data)
             cpu_us.append(record["cpu_us"])
             late_us.append(record["late_us"])
-            missed, periods = int(record["missed_periods"]), periods + 1
-    if periods == 0:
-        raise DeviceError("recording", f"{recording.name} holds no cycle.", help="Look at the daemon's messages.")
+            missed = int(record["missed_periods"])
+    return _figures(cpu_us, late_us, missed)
+
+
+def _figures(cpu_us: list[float], late_us: list[float], missed: int) -> dict[str, Any]:
     return {
-        "periods": periods,
+        "periods": len(cpu_us),
         "missed": missed,
         "cpu_us": _percentiles(cpu_us),
         "late_us": _percentiles(late_us),
@@ -82,7 +100,8 @@ def cycle_figures(recording: Path) -> dict[str, Any]:
 
 
 def _percentiles(values: list[float]) -> dict[str, float]:
-    return {"p50": float(np.percentile(values, 50)), "p99": float(np.percentile(values, 99))}
+    middle, high = np.percentile(values, (50, 99)) if values else (0.0, 0.0)
+    return {"p50": float(middle), "p99": float(high)}
 
 
 def _start(installation: Path, case: GraspCase, recording: Path, messages: IO[str]) -> subprocess.Popen[str]:
