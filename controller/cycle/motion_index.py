@@ -28,7 +28,7 @@ class IndexSettings:
     load: ObserverSettings = field(default_factory=lambda: ObserverSettings(bandwidth_rad_s=8.0))
     winding_rate_m_s: float = 6.5e-4  # just above what the load law calls holding
     contact_zone_m: float = 1.2e-3  # as the grasp's own
-    resolution_m: float = 1.7e-5  # one motor tick on the spool
+    resolution_m: float = 8.5e-6  # half a motor tick on the spool
     excursion_deviation_m: float = 5e-5
     load_deviation_N: float = 3.0
 

@@ -32,7 +32,7 @@ def real_time_figures(
     config: RobotConfig, case: GraspCase, recording: Path, say: Callable[[str], None], *, attempts: int = 2
 ) -> dict[str, Any]:
     """The cycle's figures of one grasp in real time. A machine that stalls may well make the daemon stop with a fault:
-    then it is run again, and after the last attempt the figures are those up to the fault, with its message beside them.
+    then it is run again; after the last attempt the figures are those up to the fault, with its message beside them.
     """
     for attempt in range(1, attempts + 1):
         try:
