@@ -82,7 +82,7 @@ class ArmMotion:
         T_world_wrist = self._model.wrist_pose(joint_rad)
         if offset is not STILL:
             T_world_wrist = T_world_wrist @ np.linalg.inv(self._offset.matrix(offset))
-        self.T_world_wrist_plan = T_world_wrist
+        self._set_plan(T_world_wrist)
         self._kinematics.set_posture(joint_rad)
         self.scale = 1.0
 
@@ -180,6 +180,7 @@ class ArmMotion:
         plan = self.T_world_wrist_plan
         plan[:3, :3] = pinocchio.exp3(fraction * self._path_turn) @ self._path_start[:3, :3]
         plan[:3, 3] = self._path_start[:3, 3] + fraction * self._path_shift
+        self._set_plan(plan)
         if time_s >= path.duration:
             self._end_path()
             return None, None
@@ -192,7 +193,7 @@ class ArmMotion:
             self._twist[:] = 0.0
             arm = None
         else:
-            arm = self._offset.lay_on(self.T_world_wrist_plan, offset, self._target, self._twist)
+            arm = self._offset.lay_on(offset, self._target, self._twist)
         if linear is not None and angular is not None:
             self._twist[:3] += linear
             self._twist[3:] += angular
@@ -201,11 +202,15 @@ class ArmMotion:
                 self._twist[1] += angular[2] * arm[0] - angular[0] * arm[2]
                 self._twist[2] += angular[0] * arm[1] - angular[1] * arm[0]
 
+    def _set_plan(self, T_world_wrist: Array) -> None:
+        self.T_world_wrist_plan = T_world_wrist
+        self._offset.plan(T_world_wrist)
+
     def _end_path(self) -> None:
         if self._joint_path is not None:
             self.joint_velocity_rad_s[:] = 0.0
             self.joint_acceleration_rad_s2[:] = 0.0
-            self.T_world_wrist_plan = self._model.wrist_pose(self.joint_rad)
+            self._set_plan(self._model.wrist_pose(self.joint_rad))
             # The free motion leans to where the joints are: drifting elsewhere would show friction at the wrist.
             self._kinematics.set_posture(self.joint_rad)
         self._joint_path = self._wrist_path = None

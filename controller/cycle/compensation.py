@@ -131,10 +131,8 @@ class WristOffset:
     def __init__(self, T_wrist_hand: Array) -> None:
         self._T_wrist_hand = T_wrist_hand.copy()
         self._T_hand_wrist = np.linalg.inv(T_wrist_hand)
-        self._R_hand_wrist = self._T_hand_wrist[:3, :3].copy()
-        self._p_hand_wrist = self._T_hand_wrist[:3, 3].copy()
-        self._R_world_hand = np.eye(3)
-        self._turned = np.eye(3)
+        self._hand_wrist_rows: list[list[float]] = self._T_hand_wrist[:3].tolist()
+        self.plan(np.eye(4))
 
     def matrix(self, offset: PlanarMotion) -> Array:
         """X = T_WH · D · T_WH⁻¹, 4×4."""
@@ -144,32 +142,45 @@ class WristOffset:
         X: Array = self._T_wrist_hand @ D @ self._T_hand_wrist
         return X
 
-    def lay_on(self, T_world_wrist: Array, offset: PlanarMotion, target: Array, twist: Array) -> Array:
+    def plan(self, T_world_wrist: Array) -> None:
+        """Take the planned wrist pose (4×4, world) that `lay_on` lays offsets on; whenever it has changed."""
+        T_world_hand = T_world_wrist @ self._T_wrist_hand
+        self._x_axis, self._y_axis, self._normal, self._hand_origin = T_world_hand[:3].T.tolist()
+        self._wrist_origin: list[float] = T_world_wrist[:3, 3].tolist()
+
+    def lay_on(self, offset: PlanarMotion, target: Array, twist: Array) -> Vector3:
         """Write T_world_wrist · X into `target` (4×4) and the offset's twist (6, world axes, linear first, at the
-        target's origin) into `twist`; returns the shift (3, m) from planned to target origin. The same as `matrix`
-        without building X: this runs in the cycle."""
+        target's origin) into `twist`; returns the shift (3, m) from planned to target origin.
+
+        The same as `matrix`, in plain numbers: this runs in the cycle.
+        """
         x, y, angle = offset.pose
         vx, vy, rate = offset.rate
         cos, sin = math.cos(angle), math.sin(angle)
-        R, turned = self._R_world_hand, self._turned
-        R_plan, p_plan = T_world_wrist[:3, :3], T_world_wrist[:3, 3]
-        np.dot(R_plan, self._T_wrist_hand[:3, :3], out=R)
-        x_axis, y_axis, normal = R[:, 0], R[:, 1], R[:, 2]
-        turned[:, 0] = cos * x_axis + sin * y_axis
-        turned[:, 1] = cos * y_axis - sin * x_axis
-        turned[:, 2] = normal
-        lever = turned.dot(self._p_hand_wrist)
-        shift: Array = R_plan.dot(self._T_wrist_hand[:3, 3]) + x * x_axis + y * y_axis + lever
-        target[:3, :3] = turned.dot(self._R_hand_wrist)
-        target[:3, 3] = p_plan + shift
-        n0, n1, n2 = normal.tolist()
-        l0, l1, l2 = lever.tolist()
-        twist[:3] = vx * x_axis + vy * y_axis
-        twist[0] += rate * (n1 * l2 - n2 * l1)
-        twist[1] += rate * (n2 * l0 - n0 * l2)
-        twist[2] += rate * (n0 * l1 - n1 * l0)
-        twist[3:] = rate * normal
-        return shift
+        axes = list(zip(self._x_axis, self._y_axis, self._normal, strict=True))
+        # World axes of the hand turned by the offset, then the wrist in them.
+        turned = [(cos * a + sin * b, cos * b - sin * a, n) for a, b, n in axes]
+        (r00, r01, r02, px), (r10, r11, r12, py), (r20, r21, r22, pz) = self._hand_wrist_rows
+        rows = [
+            (u * r00 + v * r10 + n * r20, u * r01 + v * r11 + n * r21, u * r02 + v * r12 + n * r22)
+            for u, v, n in turned
+        ]
+        l0, l1, l2 = (u * px + v * py + n * pz for u, v, n in turned)
+        hand = [o + x * a + y * b for o, (a, b, _) in zip(self._hand_origin, axes, strict=True)]
+        origin = (hand[0] + l0, hand[1] + l1, hand[2] + l2)
+        target[:3] = [(*row, place) for row, place in zip(rows, origin, strict=True)]
+        n0, n1, n2 = self._normal
+        (a0, b0, _), (a1, b1, _), (a2, b2, _) = axes
+        twist[:] = (
+            vx * a0 + vy * b0 + rate * (n1 * l2 - n2 * l1),
+            vx * a1 + vy * b1 + rate * (n2 * l0 - n0 * l2),
+            vx * a2 + vy * b2 + rate * (n0 * l1 - n1 * l0),
+            rate * n0,
+            rate * n1,
+            rate * n2,
+        )
+        w0, w1, w2 = self._wrist_origin
+        return (origin[0] - w0, origin[1] - w1, origin[2] - w2)
 
 
 def _clean(value: float) -> float:

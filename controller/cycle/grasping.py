@@ -237,8 +237,8 @@ class Grasping:
     def _drive(self, table: PlanarTable) -> HandSetPoint:
         """Excursion set-points, spool-side, of the winding coordinate."""
         w, rate_m_s, _ = self.winding
-        beyond = max(w, 0.0)
-        tension = table.at_excursion(beyond, 0.0).tension_N
+        assert self.reading is not None
+        tension = self.reading.table_tension_N
         share = 1.0 + min(w, 0.0) / table.mean_contact_m  # of the contact load, while the springs alone resist
         drive, stretch = self._settings.drive, table.compliance_m_per_N
         self._friction_sign = _towards(self._friction_sign, _sign(rate_m_s), self._period_s / drive.reversal_time_s)

@@ -40,6 +40,7 @@ class IndexReading(NamedTuple):
     difference_m: float
     rate_m_s: float
     load_N: float
+    table_tension_N: Pair
     status: Status
     usable: bool
     motion: PlanarMotion
@@ -161,7 +162,14 @@ class MotionIndex:
                 decisive = by_load
             load_N = load.position_m
         return IndexReading(
-            mean.position_m, difference.position_m, mean.rate_m_s, load_N, decisive.status, decisive.usable, motion
+            mean.position_m,
+            difference.position_m,
+            mean.rate_m_s,
+            load_N,
+            sample.tension_N,
+            decisive.status,
+            decisive.usable,
+            motion,
         )
 
     def _measured(self, hand: HandState) -> Pair:

@@ -37,15 +37,13 @@ class SafetyMonitor:
 
     def __init__(self, limits: SafetyLimits, period_s: float) -> None:
         self._limits = limits
-        self._tracking = np.array(limits.tracking_error_rad)
-        self._band = np.array(limits.torque_residual_Nm)
         self._residual_cycles = max(1, round(limits.residual_time_s / period_s))
-        self._over_band = np.zeros(7, dtype=np.int64)
+        self._over_band = [0] * 7
         self._silent = 0
 
     def reset(self) -> None:
         """Forget what was counted, at activation."""
-        self._over_band[:] = 0
+        self._over_band = [0] * 7
         self._silent = 0
 
     def replies(self, complete: bool) -> Reason:
@@ -55,27 +53,32 @@ class SafetyMonitor:
 
     def tracking(self, joint_rad: Array, command_rad: Array) -> Reason:
         """Measured against commanded joint angles (7, rad)."""
-        error = np.abs(joint_rad - command_rad)
-        return Reason.TRACKING_ERROR if (error > self._tracking).any() else Reason.NONE
+        for measured, wanted, band in zip(
+            joint_rad.tolist(), command_rad.tolist(), self._limits.tracking_error_rad, strict=True
+        ):
+            if not abs(measured - wanted) <= band:
+                return Reason.TRACKING_ERROR
+        return Reason.NONE
 
     def residual(self, torque_residual_Nm: Array) -> Reason:
         """Feedback part of the joint torque (7, N·m): what the model cannot explain."""
-        over = np.abs(torque_residual_Nm) > self._band
-        self._over_band += 1
-        self._over_band *= over
-        return Reason.COLLISION if self._over_band.max() >= self._residual_cycles else Reason.NONE
+        self._over_band = [
+            count + 1 if abs(residual) > band else 0
+            for count, residual, band in zip(
+                self._over_band, torque_residual_Nm.tolist(), self._limits.torque_residual_Nm, strict=True
+            )
+        ]
+        return Reason.COLLISION if max(self._over_band) >= self._residual_cycles else Reason.NONE
 
     def hand(self, age_s: float | None, fault: HandFault) -> Reason:
         """Age of the newest hand sample and what the hand process says is wrong."""
-        if fault & HandFault.TORQUE_LOST:
-            return Reason.HAND_TORQUE_LOST
-        if fault & HandFault.HARDWARE:
-            return Reason.HAND_HARDWARE
-        if fault & HandFault.REFUSED:
-            return Reason.HAND_REFUSED
-        if age_s is None or age_s > self._limits.hand_age_s or fault & (HandFault.BUS_LOST | HandFault.NO_REPLY):
-            return Reason.HAND_SILENT
-        return Reason.NONE
+        if fault is not HandFault.NONE:
+            if fault & HandFault.TORQUE_LOST:
+                return Reason.HAND_TORQUE_LOST
+            if fault & HandFault.HARDWARE:
+                return Reason.HAND_HARDWARE
+            return Reason.HAND_REFUSED if fault & HandFault.REFUSED else Reason.HAND_SILENT
+        return Reason.HAND_SILENT if age_s is None or age_s > self._limits.hand_age_s else Reason.NONE
 
     def offset(self, target: PlanarMotion, offset: PlanarMotion) -> Reason:
         """Size of the hand offset and how far it lags behind its target."""

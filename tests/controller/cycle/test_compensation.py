@@ -81,7 +81,8 @@ def test_no_motion_needs_no_offset(contact: Vector3) -> None:
 def laid_on(wrist: WristOffset, plan: Array, offset: PlanarMotion) -> tuple[Array, Array]:
     """Target pose and twist on top of a planned wrist."""
     target, twist = np.eye(4), np.zeros(6)
-    shift = wrist.lay_on(plan, offset, target, twist)
+    wrist.plan(plan)
+    shift = wrist.lay_on(offset, target, twist)
     np.testing.assert_allclose(target[:3, 3] - plan[:3, 3], shift, atol=1e-12)
     return target, twist
 
