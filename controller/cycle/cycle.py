@@ -8,6 +8,7 @@ turns. Nothing in this file or below it logs, starts a thread, or waits for anyt
 from __future__ import annotations
 
 import os
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -45,6 +46,11 @@ _ARM_STATES = {
     ArmMode.IDLE: ArmState.IDLE,
     ArmMode.ACTIVE: ArmState.ACTIVE,
 }
+
+
+_NO_JOINTS = (0.0,) * 7
+_NO_READING = (0.0,) * 4
+_NO_HAND = (0.0,) * 4
 
 
 @dataclass(frozen=True)
@@ -104,7 +110,7 @@ class Cycle:
         self._sample: ArmSample | None = None
         self._torque = np.zeros(7)
         self._governor = 1.0
-        self._record = CYCLE_RECORD.new()
+        self._pack_record = struct.Struct(f"<{CYCLE_RECORD.length}d").pack
         self._cpu_us = 0.0
         self._idle_deadline_ns: int | None = None
         self._outcomes: list[Outcome] = parts.grasping.outcomes
@@ -293,42 +299,41 @@ class Cycle:
         """Events of this period and one record of all that was seen and commanded."""
         if self._outcomes:
             self._tell_outcomes()
-        parts, record, at = self._parts, self._record, CYCLE_RECORD.slices
-        motion, grasping = parts.motion, parts.grasping
-        record[0:4] = self.number, self.pacer.missed, self.pacer.late_ns * 1e-3, self._cpu_us
-        record[4:10] = (
-            parts.orders.arm_state,
-            grasping.hand_status,
-            grasping.phase,
-            parts.orders.fault,
-            parts.orders.compensation,
-            grasping.index_kind,
-        )
-        if self._sample is not None:
-            record[at["joint_rad"]] = self._sample.joint_rad
-            record[at["can_replies"]] = self._sample.replies
-        record[at["joint_command_rad"]] = motion.joint_rad
-        record[at["joint_command_rad_s"]] = motion.joint_velocity_rad_s
-        record[at["joint_torque_Nm"]] = self._torque
-        record[at["wrist_plan_xyz_m"]] = motion.T_world_wrist_plan[:3, 3]
-        record[at["wrist_xyz_m"]] = motion.wrist_target_xyz_m
-        record[at["offset_target"]] = grasping.offset_target.pose
-        record[at["offset"]] = parts.smoother.motion.pose
-        record[at["offset_rate"]] = parts.smoother.motion.rate
-        record[at["inverse_kinematics_scale"]] = motion.scale
-        record[at["governor"]] = self._governor
-        record[at["winding_m"]] = grasping.winding.position_m
-        record[at["winding_rate_m_s"]] = grasping.winding.rate_m_s
+        parts = self._parts
+        motion, grasping, sample, hand = parts.motion, parts.grasping, self._sample, self._hand
         reading = grasping.reading
-        if reading is not None:
-            record[at["index_mean_m"]] = reading.mean_m
-            record[at["index_difference_m"]] = reading.difference_m
-            record[at["index_rate_m_s"]] = reading.rate_m_s
-            record[at["load_index_N"]] = reading.load_N
-            record[at["predicted_motion"]] = reading.motion.pose
-            record[at["table_status"]] = STATUS_NUMBERS[reading.status]
-        if self._hand is not None:
-            record[at["hand_excursion_m"]] = self._hand.excursion_m
-            record[at["hand_tension_N"]] = self._hand.tension_N
-            record[at["hand_age_us"]] = (now_ns - self._hand_sample_ns) * 1e-3
-        self._links.records.send(record.tobytes(), now_ns)
+        # In the order of CYCLE_RECORD; a list packed at once costs half of slices written one by one.
+        self._links.records.send(
+            self._pack_record(
+                self.number,
+                self.pacer.missed,
+                self.pacer.late_ns * 1e-3,
+                self._cpu_us,
+                parts.orders.arm_state,
+                grasping.hand_status,
+                grasping.phase,
+                parts.orders.fault,
+                parts.orders.compensation,
+                grasping.index_kind,
+                *(_NO_JOINTS if sample is None else sample.joint_rad.tolist()),
+                *motion.joint_rad.tolist(),
+                *motion.joint_velocity_rad_s.tolist(),
+                *self._torque.tolist(),
+                *motion.wrist_target_xyz_m.tolist(),
+                *motion.T_world_wrist_plan[:3, 3].tolist(),
+                *grasping.offset_target.pose,
+                *parts.smoother.motion.pose,
+                *parts.smoother.motion.rate,
+                motion.scale,
+                self._governor,
+                grasping.winding.position_m,
+                grasping.winding.rate_m_s,
+                *(_NO_READING if reading is None else reading[:4]),
+                *(STILL.pose if reading is None else reading.motion.pose),
+                0 if reading is None else STATUS_NUMBERS[reading.status],
+                *(_NO_HAND if hand is None else (*hand.excursion_m, *hand.tension_N)),
+                0.0 if hand is None else (now_ns - self._hand_sample_ns) * 1e-3,
+                0 if sample is None else sample.replies,
+            ),
+            now_ns,
+        )
