@@ -27,7 +27,9 @@ from calibration.objects import load_object
 from drivers.errors import StillgraspError, TableError
 
 app = typer.Typer(
-    no_args_is_help=True, help="Build and inspect motion tables: where a squeezed object goes in the hand."
+    no_args_is_help=True,
+    help="Build and inspect motion tables: where a squeezed object goes in the hand.",
+    epilog="Example: stillgrasp table build --hand t42pp --object cylinder40 -o mug.npz",
 )
 REFUSED = 2
 

@@ -151,7 +151,7 @@ def demo(
 
     Writes report.json, motion.png and run.mcap. Motion figures come from virtual time and are the same on any machine.
     """
-    told = Console(stderr=True)
+    told = Console(stderr=True, soft_wrap=True)
     began_s = time.perf_counter()
 
     def say(text: str) -> None:
@@ -177,19 +177,24 @@ def demo(
 
 
 def _motion_table(results: list[CaseResult]) -> Table:
-    table = Table(title="Object motion in the room: peak (RMS)", title_justify="left")
-    for column in ("grasp", "index", "without, mm", "with, mm", "left", "without, °", "with, °", "≤ 10 %"):
+    table = Table(
+        title="Object motion in the room, without → with compensation",
+        caption="* the default index   ok: at most 10 % of the peak is left, in mm and in degrees (from 1°; else 0.2°)",
+        title_justify="left",
+        caption_justify="left",
+    )
+    for column in ("grasp", "index", "peak, mm", "RMS, mm", "left", "peak, °", "RMS, °", "ok"):
         table.add_column(column, justify="left" if column in ("grasp", "index") else "right")
     for result in results:
         without, left = result.without.motion, result.compensated.motion
         table.add_row(
             result.name,
-            result.index + (" (default)" if result.default else ""),
-            f"{without.peak_mm:.2f} ({without.rms_mm:.2f})",
-            f"{left.peak_mm:.2f} ({left.rms_mm:.2f})",
+            result.index + ("*" if result.default else ""),
+            f"{without.peak_mm:.2f} → {left.peak_mm:.2f}",
+            f"{without.rms_mm:.2f} → {left.rms_mm:.2f}",
             f"{result.left_percent:.1f} %",
-            f"{without.peak_deg:.2f} ({without.rms_deg:.2f})",
-            f"{left.peak_deg:.2f} ({left.rms_deg:.2f})",
+            f"{without.peak_deg:.2f} → {left.peak_deg:.2f}",
+            f"{without.rms_deg:.2f} → {left.rms_deg:.2f}",
             "yes" if result.accepted else "no",
         )
     return table

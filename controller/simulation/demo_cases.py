@@ -66,7 +66,7 @@ def demo_cases(seed: int, attempt: int = 0) -> list[GraspCase]:
         GraspCase("symmetric", 0.0, place.object_xyz_m, yaw_rad),
         GraspCase("split 10 %", 0.1, place.object_xyz_m, yaw_rad),
         GraspCase(
-            f"random (seed {seed})", round(split, 4), (round(x, 4), round(y, 4), round(z, 4)), round(turned_rad, 4)
+            f"random, seed {seed}", round(split, 4), (round(x, 4), round(y, 4), round(z, 4)), round(turned_rad, 4)
         ),
     ]
 

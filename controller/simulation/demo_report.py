@@ -170,8 +170,7 @@ def draw(results: list[CaseResult], file: Path) -> None:
     for (path, time, hand), result in zip(rows, shown, strict=True):
         without, left = result.without, result.compensated
         path.plot(*without.hand_plane_mm.T, color="tab:red", label="without compensation")
-        path.plot(*left.hand_plane_mm.T, color="tab:green", label="with")
-        path.plot(0.0, 0.0, "k+")
+        path.plot(*left.hand_plane_mm.T, "o", color="tab:green", markersize=3, label="with")
         path.set(title=f"{result.name}: object in the room", xlabel="across the hand, mm", ylabel="out of the palm, mm")
         path.axis("equal")
         path.legend(loc="best", fontsize="small")

@@ -27,7 +27,11 @@ from drivers.simulated.dynamixel import SimulatedMotors, SimulatedMotorSettings
 from drivers.simulated.serial_lines import PtyServer
 from drivers.simulated.spring_tendons import SpringTendons
 
-app = typer.Typer(no_args_is_help=True, help="Run one simulated device alone, so that any client can talk to it.")
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Run one simulated device alone, so that any client can talk to it.",
+    epilog="Example: stillgrasp simulate wam --json",
+)
 AsJson = Annotated[bool, typer.Option("--json", help="Print the bus as one line of JSON when ready.")]
 _PLANT_STEP_NS = nanoseconds(0.0005)
 
