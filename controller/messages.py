@@ -16,7 +16,6 @@ from enum import IntEnum, IntFlag
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.errors import ProtocolError
 
@@ -159,7 +158,6 @@ class Reason(IntEnum):
     NO_TABLE = 4
     OUTSIDE_TABLE = 5
     LOAD_ABOVE_CAP = 6
-    JOINT_LIMIT = 7
     SUPERSEDED = 8
     STOPPED_BY_COMMAND = 9
     NO_CONTACT = 20
@@ -169,7 +167,6 @@ class Reason(IntEnum):
     TABLE_END_REACHED = 24
     ARM_SILENT = 40
     ARM_IDLED = 41
-    ARM_JUMP = 42
     TRACKING_ERROR = 43
     COLLISION = 44
     OFFSET_LIMIT = 45
@@ -178,10 +175,7 @@ class Reason(IntEnum):
     HAND_HARDWARE = 51
     HAND_TORQUE_LOST = 52
     HAND_REFUSED = 54
-    LEFT_TABLE = 53
-    FRONT_LOST = 56
     BUS_FAILED = 55
-    INTERNAL = 60
 
 
 EVENT_VALUES: Final = 8
@@ -225,10 +219,6 @@ class RecordLayout:
             start += count
         object.__setattr__(self, "slices", slices)
         object.__setattr__(self, "length", start)
-
-    def new(self) -> NDArray[np.float64]:
-        """An empty record, shape (length,)."""
-        return np.zeros(self.length)
 
     def read(self, payload: bytes) -> dict[str, float | list[float]]:
         """The record as name → value or list of values."""

@@ -34,7 +34,6 @@ EXPLANATIONS: Final[dict[Reason, Explanation]] = {
     Reason.LOAD_ABOVE_CAP: Explanation(
         "load_above_cap", "The load is above the load cap.", "Stay below squeeze.load_cap_N of robot.toml."
     ),
-    Reason.JOINT_LIMIT: Explanation("joint_limit", "A joint would leave its range.", "Choose another pose."),
     Reason.SUPERSEDED: Explanation("superseded", "A later command took its place.", ""),
     Reason.STOPPED_BY_COMMAND: Explanation("stopped", "It was stopped by a command.", ""),
     Reason.NO_CONTACT: Explanation(
@@ -66,7 +65,6 @@ EXPLANATIONS: Final[dict[Reason, Explanation]] = {
         "The arm went idle while an object was held.",
         "The hand still holds. Activate the arm again, then `fault.clear`.",
     ),
-    Reason.ARM_JUMP: Explanation("arm_jump", "A position jumped implausibly.", "Check the encoder of that motor."),
     Reason.TRACKING_ERROR: Explanation(
         "tracking_error",
         "A joint is too far from where it was commanded.",
@@ -99,14 +97,11 @@ EXPLANATIONS: Final[dict[Reason, Explanation]] = {
         "A set-point is beyond a tendon motor's travel or current limit.",
         "Check zero, travel and load cap of the tendon motors.",
     ),
-    Reason.LEFT_TABLE: Explanation("left_table", "The grasp left the motion table.", "Release and grasp again."),
-    Reason.FRONT_LOST: Explanation("front_lost", "The front process is gone.", "Start the daemon again."),
     Reason.BUS_FAILED: Explanation(
         "bus_failed",
         "The CAN bus takes no frames. The pucks apply their last torque until the safety puck's heartbeat.",
         "Keep clear of the arm; press E-stop; check the adapter.",
     ),
-    Reason.INTERNAL: Explanation("internal", "An internal error.", "Please report it with the recording."),
 }
 
 

@@ -68,7 +68,6 @@ class ArmMotion:
         self.joint_velocity_rad_s = np.zeros(7)
         self.joint_acceleration_rad_s2 = np.zeros(7)
         self.scale = 1.0
-        self.wrist_error_m = 0.0
         self._target = np.eye(4)
         self._twist = np.zeros(6)
 
@@ -95,11 +94,6 @@ class ArmMotion:
     def moving(self) -> bool:
         """Whether a path is under way."""
         return self._joint_path is not None or self._wrist_path is not None
-
-    @property
-    def moving_joints(self) -> bool:
-        """Whether a joint path is under way."""
-        return self._joint_path is not None
 
     def move_joints(self, target_rad: Array, speed: float) -> None:
         """Begin a joint path to `target_rad` (7, rad) at the fraction `speed` (0, 1] of the limits."""
@@ -154,7 +148,6 @@ class ArmMotion:
         self.joint_velocity_rad_s[:] = step.velocity
         self.joint_rad += self._period_s * self.joint_velocity_rad_s
         self.scale = step.scale
-        self.wrist_error_m = step.position_error_m
 
     def _step_joints(self, path: Trajectory, throttle: float) -> None:
         time_s, speed, speed_rate = self._time.step(throttle)

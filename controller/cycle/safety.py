@@ -29,7 +29,6 @@ class SafetyLimits:
     offset_m: float = 0.06
     offset_rad: float = 0.6
     offset_lag_m: float = 0.003
-    front_silence_s: float = 1.0
 
 
 class SafetyMonitor:

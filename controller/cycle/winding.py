@@ -128,7 +128,6 @@ class IndexObserver:
 
     def __init__(self, period_s: float, settings: ObserverSettings) -> None:
         self._period_s = period_s
-        self._lag_s = settings.lag_s
         self._blend = 1.0 - math.exp(-period_s / settings.lag_s)
         self._alpha_rate = 2.0 * settings.bandwidth_rad_s
         self._beta_rate = settings.bandwidth_rad_s**2

@@ -43,12 +43,6 @@ class WorldObserver:
         self._arms_m = np.array([finger.tendon_arm_m for finger in hand.fingers])
         self._tendon_stiffness_N_per_m = np.array([finger.tendon_stiffness_N_per_m for finger in hand.fingers])
 
-    def object_pose(self) -> NDArray[np.float64]:
-        """T_world_object now, 4×4; cheaper than the whole truth."""
-        self._world.copy_state_to(self._data)
-        mujoco.mj_kinematics(self._model, self._data)
-        return _pose(self._data, self._parts.object_body)
-
     def truth(self) -> WorldTruth:
         """The true state now."""
         parts, data = self._parts, self._data

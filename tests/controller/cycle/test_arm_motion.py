@@ -93,7 +93,7 @@ def test_joints_move_together_within_their_limits(motion: ArmMotion) -> None:
     """A joint path is a line in joint space: it passes nowhere that the two ends do not promise."""
     goal = START + np.array([0.3, -0.2, 0.4, -0.5, 0.6, 0.3, -0.8])
     motion.move_joints(goal, speed=0.8)
-    assert motion.moving_joints
+    assert motion.moving
     before = START.copy()
     for now in run(motion):
         fraction = (now.joint_rad[6] - START[6]) / (goal[6] - START[6])

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 
 from calibration.build import build_table
@@ -85,7 +86,7 @@ class Office:
             self.clock.advance_to_ns(self.clock.now_ns() + PERIOD_NS)
             self.cycle += 1
             if record:
-                values = CYCLE_RECORD.new()
+                values = np.zeros(CYCLE_RECORD.length)
                 values[CYCLE_RECORD.slices["cycle"]] = self.cycle
                 self._records.send(values.tobytes(), self.clock.now_ns())
             self.front.step()

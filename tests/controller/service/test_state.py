@@ -14,7 +14,7 @@ from controller.service.telemetry import encode_state
 
 
 def record(**values: float) -> Record:
-    filled = CYCLE_RECORD.new()
+    filled = np.zeros(CYCLE_RECORD.length)
     filled[:] = np.arange(CYCLE_RECORD.length) * 1e-3
     for name in ("arm_state", "hand_state", "grasp_phase", "reason", "compensation_enabled", "compensation_index"):
         filled[CYCLE_RECORD.slices[name]] = 0
