@@ -183,18 +183,17 @@ def _motion_table(results: list[CaseResult]) -> Table:
         title_justify="left",
         caption_justify="left",
     )
-    for column in ("grasp", "index", "peak, mm", "RMS, mm", "left", "peak, °", "RMS, °", "ok"):
-        table.add_column(column, justify="left" if column in ("grasp", "index") else "right")
+    for column in ("grasp", "index", "", "mm", "left", "°", "ok"):
+        table.add_column(column, justify="right" if column in ("mm", "left", "°") else "left", no_wrap=True)
     for result in results:
         without, left = result.without.motion, result.compensated.motion
         table.add_row(
             result.name,
             result.index + ("*" if result.default else ""),
-            f"{without.peak_mm:.2f} → {left.peak_mm:.2f}",
-            f"{without.rms_mm:.2f} → {left.rms_mm:.2f}",
+            "peak\nRMS",
+            f"{without.peak_mm:.2f} → {left.peak_mm:.2f}\n{without.rms_mm:.2f} → {left.rms_mm:.2f}",
             f"{result.left_percent:.1f} %",
-            f"{without.peak_deg:.2f} → {left.peak_deg:.2f}",
-            f"{without.rms_deg:.2f} → {left.rms_deg:.2f}",
+            f"{without.peak_deg:.2f} → {left.peak_deg:.2f}\n{without.rms_deg:.2f} → {left.rms_deg:.2f}",
             "yes" if result.accepted else "no",
         )
     return table
