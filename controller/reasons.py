@@ -57,7 +57,7 @@ EXPLANATIONS: Final[dict[Reason, Explanation]] = {
     ),
     Reason.ARM_SILENT: Explanation(
         "arm_silent",
-        "Position replies of the arm are missing.",
+        "Position replies of the arm are missing; it was asked to go idle.",
         "Check power, E-stop and the CAN bus; then `fault.clear`.",
     ),
     Reason.ARM_IDLED: Explanation(

@@ -7,6 +7,7 @@ turns. Nothing in this file or below it logs, starts a thread, or waits for anyt
 
 from __future__ import annotations
 
+import contextlib
 import os
 import struct
 from collections.abc import Callable
@@ -36,7 +37,7 @@ from controller.messages import (
 )
 from controller.service.links import LatestReader, LatestSender, OrderedReader, OrderedSender
 from drivers.clock import Clock, nanoseconds
-from drivers.errors import BusError, TableError
+from drivers.errors import BusError, InputError, TableError
 from drivers.wam.arm import Arm, ArmSample
 from drivers.wam.safety_puck import ArmMode
 
@@ -113,6 +114,7 @@ class Cycle:
         self._pack_record = struct.Struct(f"<{CYCLE_RECORD.length}d").pack
         self._cpu_us = 0.0
         self._idle_deadline_ns: int | None = None
+        self._idle_asked = False
         self._outcomes: list[Outcome] = parts.grasping.outcomes
 
     def start(self) -> None:
@@ -212,10 +214,14 @@ class Cycle:
                 self._check(parts.safety.hand(age_s, fault))
 
     def _act(self) -> None:
-        """Torques: the model's for the commanded motion plus feedback; gravity alone while the arm is not active."""
+        """Torques: the model's for the commanded motion plus feedback; gravity alone while the arm is not active, or
+        where feedback would push against positions that nobody reports any more."""
         parts, motion, sample = self._parts, self._parts.motion, self._sample
         assert sample is not None
-        if parts.orders.arm_state is ArmState.ACTIVE:
+        blind = parts.orders.fault is Reason.ARM_SILENT and not sample.complete
+        if blind:
+            self._ask_for_idle_once()
+        if parts.orders.arm_state is ArmState.ACTIVE and not blind:
             self._torque = parts.control.torque(
                 sample.joint_rad,
                 motion.joint_rad,
@@ -228,11 +234,19 @@ class Cycle:
             self._torque = parts.model.gravity(sample.joint_rad)
         parts.arm.write_torques(self._torque)
 
+    def _ask_for_idle_once(self) -> None:
+        """An arm that cannot be held any more goes idle: the pucks then brake."""
+        if not self._idle_asked and self._parts.arm.mode is ArmMode.ACTIVE:
+            self._idle_asked = True
+            with contextlib.suppress(InputError):  # safety firmware before 197 leaves idling to the pendant
+                self._parts.arm.request_idle()
+
     def _change_arm_state(self, state: ArmState, sample: ArmSample) -> None:
         orders, parts = self._parts.orders, self._parts
         was_active = orders.arm_state is ArmState.ACTIVE
         orders.arm_state = state
         if state is ArmState.ACTIVE:
+            self._idle_asked = False
             parts.motion.place(sample.joint_rad, parts.smoother.motion)
             parts.control.reset(sample.joint_rad, sample.sample_ns)
             parts.safety.reset()

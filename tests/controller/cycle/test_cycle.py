@@ -288,7 +288,15 @@ def test_a_lost_arm_is_one_fault_and_the_object_stays_held(
     assert rig.phase() is GraspPhase.FAULT
 
 
-WITHOUT_BUS = "nothing else of the period runs when the bus refuses the first frame"
+def test_an_arm_that_reports_no_positions_goes_idle(rig: Rig) -> None:
+    """Protects whoever stands beside it: feedback on positions of long ago would push blindly, so the arm is idled."""
+    rig.hold()
+    assert rig.wam.mode == 2
+    rig.wam.silent_nodes.add(3)
+    rig.run(40, OPEN)
+    assert rig.wam.mode == 1
+    assert (EventKind.FAULT, 0, Reason.ARM_SILENT) in rig.told()
+    assert rig.phase() is GraspPhase.FAULT
 
 
 def test_fingers_come_free_without_the_arms_bus(rig: Rig) -> None:
