@@ -158,6 +158,7 @@ class Reason(IntEnum):
     NO_TABLE = 4
     OUTSIDE_TABLE = 5
     LOAD_ABOVE_CAP = 6
+    UNREACHABLE = 7
     SUPERSEDED = 8
     STOPPED_BY_COMMAND = 9
     NO_CONTACT = 20

@@ -34,6 +34,11 @@ EXPLANATIONS: Final[dict[Reason, Explanation]] = {
     Reason.LOAD_ABOVE_CAP: Explanation(
         "load_above_cap", "The load is above the load cap.", "Stay below squeeze.load_cap_N of robot.toml."
     ),
+    Reason.UNREACHABLE: Explanation(
+        "unreachable",
+        "The wrist did not get to that pose: a joint's range or a singularity is in the way.",
+        "The arm holds where it got to. Choose another pose, or move the joints first.",
+    ),
     Reason.SUPERSEDED: Explanation("superseded", "A later command took its place.", ""),
     Reason.STOPPED_BY_COMMAND: Explanation("stopped", "It was stopped by a command.", ""),
     Reason.NO_CONTACT: Explanation(

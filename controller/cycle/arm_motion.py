@@ -68,6 +68,8 @@ class ArmMotion:
         self.joint_velocity_rad_s = np.zeros(7)
         self.joint_acceleration_rad_s2 = np.zeros(7)
         self.scale = 1.0
+        self.wrist_error_m = 0.0
+        """Distance of the commanded wrist from where it is wanted."""
         self._target = np.eye(4)
         self._twist = np.zeros(6)
 
@@ -148,6 +150,7 @@ class ArmMotion:
         self.joint_velocity_rad_s[:] = step.velocity
         self.joint_rad += self._period_s * self.joint_velocity_rad_s
         self.scale = step.scale
+        self.wrist_error_m = step.position_error_m
 
     def _step_joints(self, path: Trajectory, throttle: float) -> None:
         time_s, speed, speed_rate = self._time.step(throttle)
@@ -159,6 +162,7 @@ class ArmMotion:
         self.joint_acceleration_rad_s2 += speed_rate * self.joint_velocity_rad_s
         self.joint_velocity_rad_s *= speed
         self.scale = 1.0
+        self.wrist_error_m = 0.0
         if time_s >= path.duration:
             self._end_path()
 

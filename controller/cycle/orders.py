@@ -14,6 +14,9 @@ from controller.cycle.grasping import Grasping, Outcome
 from controller.messages import CommandKind, CompensationIndex, CycleCommand, EventKind, HandState, Reason
 from controller.pose import Pose
 
+REACHED_M = 1e-3
+"""A wrist that is commanded nearer than this to where it was wanted has got there; well followed it is micrometres."""
+
 
 class Orders:
     """Carries out commands on the arm's motion and the grasp."""
@@ -53,13 +56,18 @@ class Orders:
         """To be called when a path has come to its end or to rest: completes or fails the command behind it."""
         token, event = self._arm_token, self._arm_event
         self._arm_token, self._arm_event = 0, None
-        stopped, self.stopping = self.stopping, False
-        if (event is GraspEvent.PREPOSITIONED and not stopped) or event is GraspEvent.CARRIED:
+        reason = self._path_outcome()
+        self.stopping = False
+        if event is GraspEvent.CARRIED or (event is GraspEvent.PREPOSITIONED and reason is Reason.NONE):
             self._grasping.enter(event)
         if token:
-            kind = EventKind.FAILED if stopped else EventKind.COMPLETED
-            reason = (self.fault or Reason.STOPPED_BY_COMMAND) if stopped else Reason.NONE
+            kind = EventKind.COMPLETED if reason is Reason.NONE else EventKind.FAILED
             self._grasping.outcomes.append(Outcome(kind, token, reason))
+
+    def _path_outcome(self) -> Reason:
+        if self.stopping:
+            return self.fault or Reason.STOPPED_BY_COMMAND
+        return Reason.UNREACHABLE if self._motion.wrist_error_m > REACHED_M else Reason.NONE
 
     def fail(self, reason: Reason) -> None:
         """A fault: the arm stops along its path, the hand keeps the object."""

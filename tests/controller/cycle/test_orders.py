@@ -329,3 +329,11 @@ def test_a_fault_before_contact_holds_nothing() -> None:
     robot.orders.fail(Reason.HAND_SILENT)
     assert robot.take(CommandKind.FAULT_CLEAR) is Reason.NONE
     assert robot.phase() is GraspPhase.NONE
+
+
+def test_a_wrist_pose_out_of_reach_is_told_as_such() -> None:
+    """Protects a task planner from taking a wrist that got stuck half way for one that arrived."""
+    robot = Robot()
+    assert robot.move_wrist(1.5, token=5) is Reason.NONE
+    robot.run(most=20_000)
+    assert robot.told() == [(EventKind.FAILED, 5, Reason.UNREACHABLE)]
