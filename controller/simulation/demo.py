@@ -194,7 +194,7 @@ def _motion_table(results: list[CaseResult]) -> Table:
             f"{without.peak_mm:.2f} → {left.peak_mm:.2f}\n{without.rms_mm:.2f} → {left.rms_mm:.2f}",
             f"{result.left_percent:.1f} %",
             f"{without.peak_deg:.2f} → {left.peak_deg:.2f}\n{without.rms_deg:.2f} → {left.rms_deg:.2f}",
-            "yes" if result.accepted else "no",
+            "ok" if result.accepted else "no",
         )
     return table
 
