@@ -101,10 +101,11 @@ class Grasping:
     @property
     def full_rate_object_speed_m_s(self) -> float:
         """Speed of the object in the hand if the profile ran unthrottled, m/s."""
-        if self.reading is None or self.winding.rate_m_s == 0.0:
+        throttled_to = self._profile.speed
+        if self.reading is None or self.winding.rate_m_s == 0.0 or throttled_to == 0.0:
             return 0.0
         vx, vy, _ = self.reading.motion.rate
-        return float((vx * vx + vy * vy) ** 0.5)
+        return float((vx * vx + vy * vy) ** 0.5) / throttled_to
 
     def use_table(self, table: MotionTable) -> Reason:
         """Take a table, only while nothing is gripped; any preposition for another table is void."""
@@ -130,7 +131,7 @@ class Grasping:
         if (reason := self.enter(GraspEvent.CLOSE)) is not Reason.NONE:
             return reason
         settings = self._settings
-        self._index = MotionIndex(table, self._period_s, settings.index)
+        self._index = MotionIndex(table, self._period_s, settings.index, settings.contact_zone_m)
         self._index.start(hand)
         right, left = (self._expectation(table, finger) for finger in (0, 1))
         self._fingers = (FingerContact(settings.contact, right), FingerContact(settings.contact, left))

@@ -52,6 +52,11 @@ class WindingProfile:
         """Whether the profile has come to its end (or there is none)."""
         return self._trajectory is None
 
+    @property
+    def speed(self) -> float:
+        """The fraction of the profile's own rate at which it runs now, 0 to 1."""
+        return self._time.speed
+
     def place(self, position_m: float) -> None:
         """Stand at `position_m`; forget any move."""
         self._trajectory = None
