@@ -130,8 +130,8 @@ class Cycle:
         self._listen(now_ns)
         self._grasp(now_ns)
         self._move()
-        if asked:
-            self._on_bus(lambda: self._feel(now_ns)) and self._on_bus(self._act)
+        if asked and self._on_bus(lambda: self._feel(now_ns)):
+            self._on_bus(self._act)
         if self._parts.orders.shutting_down and not self._parts.motion.moving:
             self._go_idle()
         self._tell(now_ns)

@@ -27,7 +27,6 @@ class IndexSettings:
     excursion: ObserverSettings = field(default_factory=ObserverSettings)
     load: ObserverSettings = field(default_factory=lambda: ObserverSettings(bandwidth_rad_s=8.0))
     winding_rate_m_s: float = 6.5e-4  # just above what the load law calls holding
-    contact_zone_m: float = 1.2e-3  # as the grasp's own
     resolution_m: float = 8.5e-6  # half a motor tick on the spool
     excursion_deviation_m: float = 5e-5
     load_deviation_N: float = 3.0
@@ -77,10 +76,14 @@ class _Rates:
 
 
 class MotionIndex:
-    """Observes the index of one grasp and looks the object's motion up."""
+    """Observes the index of one grasp and looks the object's motion up.
 
-    def __init__(self, table: PlanarTable, period_s: float, settings: IndexSettings) -> None:
+    `contact_zone_m`: from how far before contact on both fingers wind at equal rate.
+    """
+
+    def __init__(self, table: PlanarTable, period_s: float, settings: IndexSettings, contact_zone_m: float) -> None:
         self._table = table
+        self._contact_zone_m = contact_zone_m
         self._period_s = period_s
         self._settings = settings
         self._mean = IndexObserver(period_s, settings.excursion)
@@ -180,7 +183,7 @@ class MotionIndex:
 
     def _planned_difference(self, profile: WindingState) -> WindingState:
         """Difference of the two fingers' set-points since contact: none in the contact zone and beyond."""
-        zone_m = self._settings.contact_zone_m
+        zone_m = self._contact_zone_m
         w = profile.position_m
         right, left = (finger_excursion_m(self._table, finger, w, zone_m) for finger in (0, 1))
         contact, shift = self._table.contact_excursion_m, self._contact_shift_m

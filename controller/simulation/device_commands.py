@@ -37,8 +37,8 @@ _PLANT_STEP_NS = nanoseconds(0.0005)
 
 
 @app.command(
-    epilog="Example: stillgrasp simulate wam --channel /tmp/can --json; then, in Python: "
-    'can.Bus(interface="seqpacket", channel="/tmp/can")'
+    epilog="Example: stillgrasp simulate wam --channel can.sock --json; then, in Python: "
+    'can.Bus(interface="seqpacket", channel="can.sock")'
 )
 def wam(
     channel: Annotated[Path | None, typer.Option(help="Socket to serve; else one in a new private directory.")] = None,

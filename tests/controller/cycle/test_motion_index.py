@@ -21,6 +21,7 @@ from controller.messages import CompensationIndex, HandState, Pair
 
 TABLE = PlanarTable(build_table(load_hand("t42pp"), load_object("cylinder40"), GraspSpec(), nodes=13))
 PERIOD_S = 0.002
+CONTACT_ZONE_M = 1.2e-3
 SETTINGS = IndexSettings()
 LAG_S = SETTINGS.excursion.lag_s
 SAMPLE_EVERY, SAMPLE_AGE_NS = 3, 2_000_000
@@ -42,7 +43,7 @@ class Grip:
     profile: WindingProfile = field(init=False)
 
     def __post_init__(self) -> None:
-        self.index = MotionIndex(TABLE, PERIOD_S, SETTINGS)
+        self.index = MotionIndex(TABLE, PERIOD_S, SETTINGS, CONTACT_ZONE_M)
         self.profile = WindingProfile(PERIOD_S, WindingLimits())
         self.profile.place(-5e-4)
         self.true_w_m, self.true_rate_m_s = -5e-4, 0.0
