@@ -17,8 +17,8 @@ class GraspSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     `contact_friction`: coefficient at the fingertips, that required friction is compared with. `load_cap_N`: tendon
     load at which winding stops; None is the hand's. `supported`: the object stands on its support while it is
-    gripped, so that it drags. `object_offset_m`: how far the object's centre stands off the line between the fingertips,
-    positive away from the palm; 0 is centred. `object_angle_deg`: counter-clockwise turn of the outline from the
+    gripped, so that it drags. `object_offset_m`: how far the object's centre stands off the line between the
+    fingertips, positive away from the palm. `object_angle_deg`: counter-clockwise turn of the outline from the
     placement in which its own x axis lies along that line. `branch`: while the tendons are wound in or let out again;
     they differ by the friction of the tendon routing.
     """
