@@ -51,6 +51,16 @@ MOUNTED = {
     "table": Mounted(
         "controller.table_commands", "app", "Build and inspect motion tables: where a squeezed object goes in the hand."
     ),
+    "grasp": Mounted(
+        "controller.grasp_commands", "app", "Plan a grasp: where the wrist goes, whether it holds, how hard to squeeze."
+    ),
+    "figures": Mounted(
+        "controller.figure_commands",
+        "figures",
+        "Draw the counterparts of the paper's figures from the models.",
+        "stillgrasp figures --only 3 6 --output build/figures",
+    ),
+    "calibrate": Mounted("controller.calibrate_commands", "app", "Measure the hardware, and write what was found."),
     "bench": Mounted(
         "controller.bench", "bench", "Measure the cycle's processor time, stage by stage.", "stillgrasp bench"
     ),
