@@ -24,7 +24,9 @@ class WorldTruth:
     T_world_wrist: NDArray[np.float64]
     T_hand_object: NDArray[np.float64]
     finger_joint_rad: NDArray[np.float64]
-    """Flexion from rest, (2, 2): finger, proximal and distal."""
+    """Flexion from rest, (2, 2): finger, proximal and distal; of a flexure its end angle."""
+    tip_m: NDArray[np.float64]
+    """Centres of the fingertip arcs in the hand frame, (2, 2): finger, x and y."""
     tendon_excursion_m: NDArray[np.float64]
     """Finger-side: what the joints took up, (2,)."""
     tendon_tension_N: NDArray[np.float64]
@@ -50,13 +52,16 @@ class WorldObserver:
         mujoco.mj_forward(self._model, data)
         T_world_hand = _pose(data, parts.hand_body)
         T_world_object = _pose(data, parts.object_body)
-        joints = data.qpos[parts.finger].copy()
+        T_hand_world = np.linalg.inv(T_world_hand)
+        joints = np.array([[data.qpos[hinges].sum() for hinges in finger] for finger in parts.finger])
+        tips_m = data.geom_xpos[parts.tip_geom] @ T_hand_world[:3, :3].T + T_hand_world[:3, 3]
         return WorldTruth(
             time_ns=self._world.time_ns,
             T_world_object=T_world_object,
             T_world_wrist=_pose(data, parts.wrist_body),
-            T_hand_object=np.linalg.inv(T_world_hand) @ T_world_object,
+            T_hand_object=T_hand_world @ T_world_object,
             finger_joint_rad=joints,
+            tip_m=tips_m[:, :2],
             tendon_excursion_m=np.sum(self._arms_m * joints, axis=1),
             tendon_tension_N=self._tension_N(),
             contact_force_N=self._contact_force_N(),

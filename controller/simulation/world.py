@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from calibration.hand.parameters import Hand
 from calibration.objects.parameters import GraspObject
 from controller.simulation.world_model import Imperfections, Placement, WorldModel, build_world_model
+from controller.simulation.world_object import TIP_FRICTION, ObjectSetting
 from drivers.clock import nanoseconds
 from drivers.errors import InputError, MechanicsError
 from drivers.wam.parameters import JOINTS, WamParameters
@@ -33,9 +34,11 @@ _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 class World:
     """One arm with its hand, an object, and what it stands on.
 
-    `T_world_object` is the pose of the cylinder's centre, z along its axis. The arm starts at `joint_rad`, at rest,
+    `T_world_object` is the pose of the object's frame: origin at its reference point, half its height above the foot,
+    z along its axis; its outline is turned in this frame by `outline_angle_rad`. A `weightless` object floats where
+    it is put. `tip_friction`: coefficient at the right and left fingertip. The arm starts at `joint_rad`, at rest,
     braking; the fingers start open. `hand_only` welds the arm and leaves the spools to `wind_spools`. Errors:
-    InputError for poses and values that cannot be, MechanicsError for hands that cannot be simulated.
+    InputError for poses and values that cannot be, MechanicsError for hands and objects that cannot be simulated.
     """
 
     def __init__(
@@ -53,6 +56,9 @@ class World:
         imperfections: Imperfections | None = None,
         spool_radius_m: float = 0.0105,
         hand_only: bool = False,
+        outline_angle_rad: float = 0.0,
+        weightless: bool = False,
+        tip_friction: tuple[float, float] = (TIP_FRICTION, TIP_FRICTION),
         start_ns: int = 0,
     ) -> None:
         if not 1e-5 <= physics_period_s <= 2e-3:
@@ -62,7 +68,7 @@ class World:
         self._start_rad = _vector("joint_rad", joint_rad, JOINTS)
         self._parts: WorldModel = build_world_model(
             hand,
-            grasp_object,
+            ObjectSetting(grasp_object, outline_angle_rad, weightless, tip_friction),
             arm_parameters,
             Placement(T_world_base, T_wrist_hand, T_world_object, self._start_rad),
             seed=seed,

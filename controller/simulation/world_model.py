@@ -1,19 +1,13 @@
 """The MuJoCo model of the simulated world: arm, hand, object and support in one MJCF document.
 
 World frame: z up, gravity 9.81 m/s². Bodies: `base` (DH frame 0) … `tool` (wrist W) → `hand` (hand frame H) → fingers
-and spools; `object` free, its frame at the cylinder's centre with z along the axis. Only named pairs touch: each
-fingertip and the object, the object and the support; so friction is what is stated here, and no default of MuJoCo's
-mixes in.
-
-Fingertip and cylinder are a sphere and an upright cylinder: the arc on a disc of hand-mechanics reference 5, with a
-contact point that MuJoCo computes in closed form. Torsion about the contact normal has the friction of a line as long
-as the finger is wide; without it two point contacts would let the object swing about the line between them. The object
-stands on its rim.
+and spools; `object` free. Parts: `world_arm.py`, `world_hand.py`, `world_finger.py`, `world_object.py`. Only named pairs
+touch: each fingertip and the object, the object and the support; so friction is what is stated there, and no default
+of MuJoCo's mixes in.
 """
 
 from __future__ import annotations
 
-import math
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
 
@@ -21,22 +15,18 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.hand.parameters import SIDES, Hand
-from calibration.objects.parameters import GraspObject
+from calibration.hand.parameters import SIDES, Finger, Hand
 from controller.simulation.world_arm import ArmImperfections, add_arm, text
-from controller.simulation.world_hand import FINGER_WIDTH_M, add_hand
+from controller.simulation.world_finger import PARTS, hinge_names
+from controller.simulation.world_hand import add_hand
+from controller.simulation.world_object import ObjectSetting, add_object
 from drivers.errors import InputError
 from drivers.wam.parameters import JOINTS, WamParameters
 
 GRAVITY_M_S2 = 9.81
-TIP_FRICTION = 1.0
-DEFAULT_HEIGHT_M = 0.12
 CONTACT_IMPEDANCE = "0.3 0.999 1e-5 0.5 2"
 """Soft at first touch, hard within 10 µm. MuJoCo's convex friction lifts a sliding contact, here by 4 µm at a tip speed
 of 8 mm/s; a contact that is hard from the start would lose touch over and over, and hammer."""
-FEET = 8
-FOOT_RADIUS_M = 5e-4
-SUPPORT_HALF_WIDTH_M = 0.15  # drawn size only: the plane carries the object wherever it goes
 
 
 @dataclass(frozen=True)
@@ -73,12 +63,12 @@ class WorldModel:
     model: mujoco.MjModel
     arm: slice
     """Arm coordinates, the same in position and velocity; empty when the arm is welded."""
-    finger: NDArray[np.intp] = field(repr=False)
-    """Finger joints, (2, 2): finger, proximal and distal."""
+    finger: tuple[tuple[NDArray[np.intp], NDArray[np.intp]], tuple[NDArray[np.intp], NDArray[np.intp]]]
+    """Hinges of each finger's proximal and distal joint; a joint's flexion is the sum over its hinges."""
     spool: NDArray[np.intp] = field(repr=False)
     tendon: NDArray[np.intp] = field(repr=False)
     tip_geom: NDArray[np.intp] = field(repr=False)
-    object_geom: int
+    distal_body: NDArray[np.intp] = field(repr=False)
     wrist_body: int
     hand_body: int
     object_body: int
@@ -86,7 +76,7 @@ class WorldModel:
 
 def build_world_model(
     hand: Hand,
-    grasp_object: GraspObject,
+    setting: ObjectSetting,
     arm_parameters: WamParameters,
     placement: Placement,
     *,
@@ -98,7 +88,7 @@ def build_world_model(
 ) -> WorldModel:
     """Write the MJCF document and compile it.
 
-    Raises InputError for a pose that cannot be, MechanicsError for a hand that cannot be simulated yet.
+    Raises InputError for a pose that cannot be, MechanicsError for a hand or object that cannot be simulated.
     """
     # Twice the step is the stiffest that MuJoCo's constraints may be; 0.9999 the hardest.
     hard = {"solref": text((2 * physics_period_s, 1.0)), "solimp": "0.9999 0.9999 0.001 0.5 2"}
@@ -124,6 +114,7 @@ def build_world_model(
         default, "joint", solreffriction=hard["solref"], solimpfriction=hard["solimp"], solreflimit=hard["solref"]
     )
     ElementTree.SubElement(default, "geom", contype="0", conaffinity="0", mass="0")
+    asset = ElementTree.SubElement(root, "asset")
     worldbody = ElementTree.SubElement(root, "worldbody")
     tendons = ElementTree.SubElement(root, "tendon")
     contact = ElementTree.SubElement(root, "contact")
@@ -146,8 +137,9 @@ def build_world_model(
         hard=hard,
         prescribed_spools=hand_only,
     )
-    _add_object(worldbody, contact, grasp_object, placement.T_world_object, touch)
-    return _indexed(mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode")))
+    place = mjcf_pose("T_world_object", placement.T_world_object)
+    add_object(worldbody, asset, contact, setting, placement.T_world_object, place, touch)
+    return _indexed(mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode")), hand)
 
 
 def mjcf_pose(name: str, pose: NDArray[np.float64]) -> tuple[str, str]:
@@ -162,75 +154,29 @@ def mjcf_pose(name: str, pose: NDArray[np.float64]) -> tuple[str, str]:
     return text(pose[:3, 3]), text(quaternion)
 
 
-def _add_object(
-    worldbody: ElementTree.Element,
-    contact: ElementTree.Element,
-    grasp_object: GraspObject,
-    T_world_object: NDArray[np.float64],
-    touch: dict[str, str],
-) -> None:
-    position, quaternion = mjcf_pose("T_world_object", T_world_object)
-    radius_m = grasp_object.shape.radius_m
-    height_m = grasp_object.height_m or DEFAULT_HEIGHT_M
-    mass_kg = grasp_object.mass_kg
-    across = mass_kg * (3 * radius_m**2 + height_m**2) / 12
-    body = ElementTree.SubElement(worldbody, "body", name="object", pos=position, quat=quaternion)
-    ElementTree.SubElement(body, "freejoint", name="object")
-    ElementTree.SubElement(
-        body,
-        "inertial",
-        pos="0 0 0",
-        mass=repr(mass_kg),
-        diaginertia=text((across, across, mass_kg * radius_m**2 / 2)),
-    )
-    ElementTree.SubElement(body, "geom", name="object", type="cylinder", size=text((radius_m, height_m / 2)))
-    torsion_m = TIP_FRICTION * FINGER_WIDTH_M / 4
-    for side in SIDES:
-        friction = text((TIP_FRICTION, TIP_FRICTION, torsion_m, 1e-6, 1e-6))
-        ElementTree.SubElement(
-            contact, "pair", touch, geom1=f"tip_{side}", geom2="object", condim="4", friction=friction
-        )
-    if grasp_object.support is None:
-        return
-    if abs(T_world_object[2, 2] - 1.0) > 1e-9:
-        raise InputError(
-            "T_world_object leans: an object on a support stands upright, z axes of object and world agree."
-        )
-    size = text((SUPPORT_HALF_WIDTH_M, SUPPORT_HALF_WIDTH_M, 0.01))
-    foot_m = T_world_object[:3, 3] - (0.0, 0.0, height_m / 2)
-    ElementTree.SubElement(worldbody, "geom", name="support", type="plane", size=size, pos=text(foot_m))
-    mu = grasp_object.support.friction
-    # No friction is frictionless contact (condim 1): MuJoCo has no cone of zero width.
-    friction = text((mu, mu, 1e-6, 1e-6, 1e-6)) if mu > 0.0 else text((1.0, 1.0, 1e-6, 1e-6, 1e-6))
-    condim = "3" if mu > 0.0 else "1"
-    # It stands on small balls along its rim. MuJoCo's own contact of cylinder and plane takes the rim's lowest point
-    # from the tilt, and makes of a tilt of round-off size a penetration of millimetres, which throws the object.
-    for foot in range(FEET):
-        angle = 2 * math.pi * foot / FEET
-        reach_m = radius_m - FOOT_RADIUS_M
-        place = (reach_m * math.cos(angle), reach_m * math.sin(angle), FOOT_RADIUS_M - height_m / 2)
-        name = f"foot_{foot}"
-        ElementTree.SubElement(body, "geom", name=name, type="sphere", size=repr(FOOT_RADIUS_M), pos=text(place))
-        ElementTree.SubElement(contact, "pair", touch, geom1=name, geom2="support", condim=condim, friction=friction)
-
-
-def _indexed(model: mujoco.MjModel) -> WorldModel:
+def _indexed(model: mujoco.MjModel, hand: Hand) -> WorldModel:
     def named(kind: mujoco.mjtObj, name: str) -> int:
         return int(mujoco.mj_name2id(model, kind, name))
 
     def degree_of_freedom(name: str) -> int:
         return int(model.jnt_dofadr[named(mujoco.mjtObj.mjOBJ_JOINT, name)])
 
+    def hinges(finger: Finger, side: str, part: int) -> NDArray[np.intp]:
+        return np.array([degree_of_freedom(name) for name in hinge_names(finger.joints[part], PARTS[part], side)])
+
+    fingers = [
+        (hinges(finger, side, 0), hinges(finger, side, 1)) for finger, side in zip(hand.fingers, SIDES, strict=True)
+    ]
     arm = slice(0, JOINTS if named(mujoco.mjtObj.mjOBJ_JOINT, "arm_1") >= 0 else 0)
     # Every joint before the object's free joint is a hinge, so positions and velocities share their indices.
     return WorldModel(
         model=model,
         arm=arm,
-        finger=np.array([[degree_of_freedom(f"{part}_{side}") for part in ("proximal", "distal")] for side in SIDES]),
+        finger=(fingers[0], fingers[1]),
         spool=np.array([degree_of_freedom(f"spool_{side}") for side in SIDES]),
         tendon=np.array([named(mujoco.mjtObj.mjOBJ_TENDON, f"tendon_{side}") for side in SIDES]),
         tip_geom=np.array([named(mujoco.mjtObj.mjOBJ_GEOM, f"tip_{side}") for side in SIDES]),
-        object_geom=named(mujoco.mjtObj.mjOBJ_GEOM, "object"),
+        distal_body=np.array([named(mujoco.mjtObj.mjOBJ_BODY, f"distal_{side}") for side in SIDES]),
         wrist_body=named(mujoco.mjtObj.mjOBJ_BODY, "tool"),
         hand_body=named(mujoco.mjtObj.mjOBJ_BODY, "hand"),
         object_body=named(mujoco.mjtObj.mjOBJ_BODY, "object"),

@@ -1,0 +1,162 @@
+"""The object of the simulated world, what it stands on, and how it touches: fingertips and support.
+
+Object frame: z along the axis of an upright prism, origin at the outline's reference point, at half the height; the
+outline is turned in it by a given angle. Outlines: hand-mechanics reference 5; friction is what is stated here.
+
+A fingertip arc is a sphere, so that the contact has one point. On a cylinder or box MuJoCo computes it in closed form.
+Torsion about the contact normal has the friction of a line as long as the finger is wide; without it two point contacts
+would let the object swing about the line between them. A ball is an upright cylinder here: between fingers that are
+lines across the hand plane it rolls as its section does, and between two points it would roll out of the plane.
+
+An object stands on small balls along its rim. MuJoCo's own contact of cylinder and plane takes the rim's lowest point
+from the tilt, and makes of a tilt of round-off size a penetration of millimetres, which throws the object.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.hand.parameters import SIDES
+from calibration.objects.parameters import GraspObject
+from controller.simulation.world_arm import text
+from controller.simulation.world_finger import FINGER_WIDTH_M
+from drivers.errors import InputError
+
+TIP_FRICTION = 1.0
+DEFAULT_HEIGHT_M = 0.12
+FEET = 8
+FOOT_RADIUS_M = 5e-4
+SUPPORT_HALF_WIDTH_M = 0.15  # drawn size only: the plane carries the object wherever it goes
+OUTLINE_POINTS = 720
+"""A round outline that is no circle is a prism of so many sides; its corners are half a degree."""
+
+
+@dataclass(frozen=True)
+class ObjectSetting:
+    """The object, how its outline is turned in its frame, whether it floats, and friction at the right and left tip."""
+
+    grasped: GraspObject
+    outline_angle_rad: float
+    weightless: bool
+    tip_friction: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.outline_angle_rad):
+            raise InputError(f"outline_angle_rad = {self.outline_angle_rad} is not accepted; expected a finite angle.")
+        if len(self.tip_friction) != 2 or not all(0.0 < friction <= 5.0 for friction in self.tip_friction):
+            raise InputError(f"tip_friction = {self.tip_friction} is not accepted; expected two of > 0 and ≤ 5.")
+
+    @property
+    def outline_m(self) -> NDArray[np.float64]:
+        """Points around the outline, counter-clockwise, in the object frame, (points, 2)."""
+        cos, sin = np.cos(self.outline_angle_rad), np.sin(self.outline_angle_rad)
+        angles = 2 * np.pi * np.arange(OUTLINE_POINTS) / OUTLINE_POINTS
+        circle = np.column_stack([np.cos(angles), np.sin(angles)])
+        return self.grasped.shape.radius_m * circle @ np.array([[cos, sin], [-sin, cos]])
+
+
+def add_object(
+    worldbody: ElementTree.Element,
+    asset: ElementTree.Element,
+    contact: ElementTree.Element,
+    setting: ObjectSetting,
+    T_world_object: NDArray[np.float64],
+    place: tuple[str, str],
+    touch: dict[str, str],
+) -> None:
+    """Append the object at T_world_object (`place` as MJCF writes it), its mesh, its support and all contact pairs.
+
+    Names: body, joint, mesh and geom `object`, geoms `foot_0` …, `support`. `touch`: constraint attributes of contacts.
+    Raises InputError for an object that leans on its support.
+    """
+    grasped = setting.grasped
+    height_m = grasped.height_m or DEFAULT_HEIGHT_M
+    outline_m = setting.outline_m
+    body = ElementTree.SubElement(worldbody, "body", name="object", pos=place[0], quat=place[1])
+    if setting.weightless:
+        body.set("gravcomp", "1")
+    ElementTree.SubElement(body, "freejoint", name="object")
+    centre_m, moments_m2 = section_moments(outline_m)
+    across_xx, across_yy, across_xy = moments_m2 * grasped.mass_kg
+    upright = grasped.mass_kg * height_m**2 / 12
+    ElementTree.SubElement(
+        body,
+        "inertial",
+        pos=text((*centre_m, 0.0)),
+        mass=repr(grasped.mass_kg),
+        fullinertia=text((across_yy + upright, across_xx + upright, across_xx + across_yy, -across_xy, 0.0, 0.0)),
+    )
+    half = setting.outline_angle_rad / 2
+    turned = text((np.cos(half), 0.0, 0.0, np.sin(half)))
+    ElementTree.SubElement(body, "geom", _geometry(grasped, height_m, asset), name="object", quat=turned)
+    for side, tip_friction in zip(SIDES, setting.tip_friction, strict=True):
+        torsion_m = tip_friction * FINGER_WIDTH_M / 4
+        friction = text((tip_friction, tip_friction, torsion_m, 1e-6, 1e-6))
+        ElementTree.SubElement(
+            contact, "pair", touch, geom1=f"tip_{side}", geom2="object", condim="4", friction=friction
+        )
+    if grasped.support is not None:
+        feet_m = _feet_m(outline_m, centre_m)
+        _add_support(worldbody, body, contact, grasped.support.friction, T_world_object, height_m, feet_m, touch)
+
+
+def section_moments(outline_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Centroid (2,) m of the polygon with these vertices (n, 2), and its mean square distances (3,) m² along x, along y
+    and their product about the centroid."""
+    x, y = outline_m.T
+    x_next, y_next = np.roll(x, -1), np.roll(y, -1)
+    cross = x * y_next - x_next * y
+    area_m2 = cross.sum() / 2
+    centre = np.array([((x + x_next) * cross).sum(), ((y + y_next) * cross).sum()]) / (6 * area_m2)
+    second = np.array(
+        [
+            ((x * x + x * x_next + x_next * x_next) * cross).sum() / 12,
+            ((y * y + y * y_next + y_next * y_next) * cross).sum() / 12,
+            ((x * y_next + 2 * x * y + 2 * x_next * y_next + x_next * y) * cross).sum() / 24,
+        ]
+    )
+    return centre, second / area_m2 - np.array([centre[0] ** 2, centre[1] ** 2, centre[0] * centre[1]])
+
+
+def _geometry(grasped: GraspObject, height_m: float, asset: ElementTree.Element) -> dict[str, str]:
+    shape = grasped.shape
+    return {"type": "cylinder", "size": text((shape.radius_m, height_m / 2))}
+
+
+def _feet_m(outline_m: NDArray[np.float64], centre_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Where the feet stand, (feet, 2) m: the outline's outermost points in `FEET` directions, a foot's radius inside."""
+    angles = 2 * np.pi * np.arange(FEET) / FEET
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    rim = outline_m[np.unique(np.argmax(outline_m @ directions.T, axis=0))] - centre_m
+    return np.asarray(centre_m + rim * (1.0 - FOOT_RADIUS_M / np.linalg.norm(rim, axis=1))[:, None])
+
+
+def _add_support(
+    worldbody: ElementTree.Element,
+    body: ElementTree.Element,
+    contact: ElementTree.Element,
+    mu: float,
+    T_world_object: NDArray[np.float64],
+    height_m: float,
+    feet_m: NDArray[np.float64],
+    touch: dict[str, str],
+) -> None:
+    if abs(T_world_object[2, 2] - 1.0) > 1e-9:
+        raise InputError(
+            "T_world_object leans: an object on a support stands upright, z axes of object and world agree."
+        )
+    size = text((SUPPORT_HALF_WIDTH_M, SUPPORT_HALF_WIDTH_M, 0.01))
+    below_m = T_world_object[:3, 3] - (0.0, 0.0, height_m / 2)
+    ElementTree.SubElement(worldbody, "geom", name="support", type="plane", size=size, pos=text(below_m))
+    # No friction is frictionless contact (condim 1): MuJoCo has no cone of zero width.
+    friction = text((mu, mu, 1e-6, 1e-6, 1e-6)) if mu > 0.0 else text((1.0, 1.0, 1e-6, 1e-6, 1e-6))
+    condim = "3" if mu > 0.0 else "1"
+    for foot, (x_m, y_m) in enumerate(feet_m):
+        position = text((x_m, y_m, FOOT_RADIUS_M - height_m / 2))
+        name = f"foot_{foot}"
+        ElementTree.SubElement(body, "geom", name=name, type="sphere", size=repr(FOOT_RADIUS_M), pos=position)
+        ElementTree.SubElement(contact, "pair", touch, geom1=name, geom2="support", condim=condim, friction=friction)
