@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from calibration.hand.finger import Complexes, FingerModel, PointJet, Reals
-from calibration.objects import Disc, Shape
+from calibration.objects import Disc, Shape, Sphere
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class ArcOnDisc:
 
 def rolling_contact(finger: FingerModel, shape: Shape, q: Reals, pose: Reals) -> RollingContact:
     """Contact of `finger` on `shape` that first touches at coordinates `q` (n,) and object pose `pose` (3,), θ = 0."""
-    assert isinstance(shape, Disc)  # the only member of Shape so far
+    assert isinstance(shape, Disc | Sphere)
     zeta = complex(pose[0], pose[1]) - complex(finger.tip.at(q[None, :]).value[0])
     angle = finger.angle_rad + float(q @ finger.angle_row)
     return ArcOnDisc(finger, shape.radius_m, zeta / abs(zeta), finger.tip_radius_m * angle)

@@ -42,7 +42,7 @@ def first_contact(hand: Hand, grasped: GraspObject, grasp: GraspSpec) -> FirstCo
     """Free closing to first contact. Errors: MechanicsError when the fingers cannot take the object so."""
     fingers = finger_models(hand)
     shares = (1.0 + grasp.onset_split, 1.0 - grasp.onset_split)
-    wanted_m = grasped.shape.closing_width_m + fingers[0].tip_radius_m + fingers[1].tip_radius_m
+    wanted_m = grasped.shape.extent_m(0.0) + fingers[0].tip_radius_m + fingers[1].tip_radius_m
 
     def gap_m(load_N: float) -> float:
         right, left = (_tip(finger, share * load_N) for finger, share in zip(fingers, shares, strict=True))
@@ -55,13 +55,13 @@ def first_contact(hand: Hand, grasped: GraspObject, grasp: GraspSpec) -> FirstCo
         raise MechanicsError(
             "object.shape",
             f"the fingers close freely up to {cap_N:.1f} N mean load without touching a width of "
-            f"{grasped.shape.closing_width_m * 1e3:.1f} mm.",
+            f"{grasped.shape.extent_m(0.0) * 1e3:.1f} mm.",
             help="Take a wider object or a smaller onset split.",
         )
     if touching[0] == 0:
         raise MechanicsError(
             "object.shape",
-            f"a width of {grasped.shape.closing_width_m * 1e3:.1f} mm does not fit between the open fingers.",
+            f"a width of {grasped.shape.extent_m(0.0) * 1e3:.1f} mm does not fit between the open fingers.",
             help="Take a narrower object.",
         )
     mean_N = float(brentq(gap_m, loads[touching[0] - 1], loads[touching[0]], xtol=1e-14, rtol=1e-15))
@@ -75,7 +75,7 @@ def first_contact(hand: Hand, grasped: GraspObject, grasp: GraspSpec) -> FirstCo
                 help="Take a wider object or a smaller onset split.",
             )
     right, left = (finger.tip.at(q[None, :]).value[0] for finger, q in zip(fingers, joints, strict=True))
-    centre = left + (grasped.shape.closing_width_m / 2 + fingers[1].tip_radius_m) * (right - left) / abs(right - left)
+    centre = left + (grasped.shape.extent_m(0.0) / 2 + fingers[1].tip_radius_m) * (right - left) / abs(right - left)
     return FirstContact(
         (joints[0], joints[1]),
         tension,
