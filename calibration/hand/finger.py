@@ -1,134 +1,186 @@
-"""Finger kinematics in bundle form: points, link angle and tendon length with exact derivatives.
+"""Kinematics, springs and tendon of one finger: two joints, two rigid phalanges, a tip.
 
-Every absolute angle is linear in the joint coordinates q, so any point of a finger is
-
-    p(q) = p_0 + Σ_m w_m exp(i (θ_m + C_m q)),
-
-a complex number x + i y, m, in the hand frame, with one term for each rigid link (and, later, several for each
-flexure). The left finger is the mirror image: θ → π − θ, C → −C. q is flexion from rest, rad, positive closing.
-Source: hand-mechanics reference 1, 3 and 4.
+Coordinates q of a finger: those of the proximal joint, then those of the distal one; a pin has one, a flexure n, its
+end angle first. Flexion from rest, rad, positive closing in both fingers; hand frame, m. Angles of the right finger are
+absolute, counter-clockwise; the left finger is its mirror image: θ → π − θ. At a joint with rest angle β a pin's link
+starts at β to the one before; a flexure stands straight at rest, at β/2 to both of its neighbours. The finger's root is
+the pin, or the root of the flexure. Source: hand-mechanics reference 1 to 4, design 7.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calibration.hand.parameters import Finger, Hand, PinJoint
-from drivers.errors import MechanicsError
+from calibration.hand.bundle import Bundle, Complexes, PointJet, Reals
+from calibration.hand.free_closing import settled
+from calibration.hand.joints import JointModel, joint_model
+from calibration.hand.parameters import (
+    Finger,
+    FlexureJoint,
+    Hand,
+    PinJoint,
+    StraightTendonAtFlexure,
+    StraightTendonAtPin,
+)
+from calibration.hand.tendon import TendonLaw, TendonModel, constant_offset, straight_run
 
-Reals = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
+__all__ = [
+    "Bundle",
+    "Complexes",
+    "FingerModel",
+    "LinkModel",
+    "Pad",
+    "PointJet",
+    "Reals",
+    "finger_model",
+    "finger_models",
+]
+
+Branch = Literal["winding", "unwinding"]
 
 
 @dataclass(frozen=True)
-class PointJet:
-    """A point at B configurations: value (B,), gradient (B, n), Hessian (B, n, n) in q; complex, m."""
+class LinkModel:
+    """A rigid phalanx of length `length_m`, its axis at `angle_rad + angle_row · q` through `root`."""
 
-    value: Complexes
-    gradient: Complexes
-    hessian: Complexes
+    root: Bundle
+    angle_rad: float
+    angle_row: Reals
+    length_m: float
+    inner_side: float
+    """Sign of a counter-clockwise quarter turn that leads from the axis to the inner, palmar side: 1 right, −1 left."""
+    inner_corners_m: tuple[tuple[float, float], tuple[float, float]]
+    """(along, across) where the inner side begins and ends. Faces at a flexure stand square to it, so that those of
+    the two phalanges meet when it is bent by length / inner_m; faces at a pin are cut so that they meet at its stop."""
+
+    def point(self, along_m: float, across_m: float) -> Bundle:
+        """Point fixed to the link, `along_m` from its root, `across_m` from its axis towards the inner side."""
+        return self.root.with_arm(complex(along_m, self.inner_side * across_m), self.angle_rad, self.angle_row)
 
 
 @dataclass(frozen=True)
-class Bundle:
-    """One point of a finger: `origin` m, `weights` (m,) m, `phases` (m,) rad, `coordinates` C (m, n)."""
+class Pad:
+    """Flat pad on the inner side of the distal link, tangent to the tip arc; from the foot of the arc's centre
+    `length_m` back along the link."""
 
-    origin: complex
-    weights: Reals
-    phases: Reals
-    coordinates: Reals
-
-    def at(self, q: Reals) -> PointJet:
-        """Point with first and second derivatives at `q` (B, n)."""
-        C = self.coordinates
-        terms = self._terms(q)
-        return PointJet(
-            self.origin + terms.sum(1),
-            1j * (terms @ C),
-            -np.einsum("bm,mj,mk->bjk", terms, C, C),
-        )
-
-    def third(self, q: Reals, u: Reals, v: Reals) -> Complexes:
-        """∂_u ∂_v ∇p at `q`: third derivative with the directions `u`, `v` (B, n) put in; (B, n)."""
-        C = self.coordinates
-        directed: Complexes = -1j * (self._terms(q) * (u @ C.T) * (v @ C.T)) @ C
-        return directed
-
-    def _terms(self, q: Reals) -> Complexes:
-        terms: Complexes = self.weights * np.exp(1j * (self.phases + q @ self.coordinates.T))
-        return terms
+    length_m: float
 
 
 @dataclass(frozen=True)
 class FingerModel:
     """What the mechanics need of one finger with n coordinates.
 
-    `tip`: centre of the fingertip arc, radius `tip_radius_m`. Absolute distal link angle: `angle_rad + angle_row ·
-    q`. Tendon excursion since rest: `tendon_arm_m · q`. Energy: ½ Σ `stiffness_Nm_per_rad` q². Stops: `lower_rad`,
-    `upper_rad`.
+    `tip`: centre of the fingertip arc, radius `tip_radius_m`. Absolute distal link angle: `angle_rad + angle_row · q`.
+    `links`: proximal, distal, `inner_m` and `outer_m` thick on the two sides of their axes. Energy: ½ Σ
+    `stiffness_Nm_per_rad` q². Stops: `lower_rad`, `upper_rad`, ±inf for changes of a flexure's shape. `joint_index`:
+    the coordinates that are the proximal and distal joint angle.
     """
 
     tip: Bundle
     tip_radius_m: float
     angle_rad: float
     angle_row: Reals
-    tendon_arm_m: Reals
+    links: tuple[LinkModel, LinkModel]
+    inner_m: float
+    outer_m: float
+    pad: Pad | None
+    tendon: TendonModel
+    routing_loss: float
+    """c: a tension T at the proximal joint is T exp(−c) at the distal one while winding, T exp(c) while unwinding."""
+    tendon_stiffness_N_per_m: float
+    """Series stiffness, may be inf: the spool's excursion is the finger's plus T / stiffness."""
     stiffness_Nm_per_rad: Reals
     lower_rad: Reals
     upper_rad: Reals
-    load_free_per_N: Reals
-    """Coordinates per newton of tendon load while nothing is touched, rad/N."""
+    joint_index: tuple[int, int]
+    joints: tuple[JointModel, JointModel]
 
-    def free_closing(self, load_N: float) -> Reals:
+    def joint_tension_N(self, load_N: float, branch: Branch = "winding") -> tuple[float, float]:
+        """Tension that acts at the proximal and the distal joint when the tendon comes with `load_N`."""
+        return load_N, load_N * math.exp(-self.routing_loss if branch == "winding" else self.routing_loss)
+
+    def free_closing(self, load_N: float, branch: Branch = "winding") -> Reals:
         """Coordinates at a tendon load while nothing is touched, clipped at the stops; (n,) rad."""
-        return np.clip(self.load_free_per_N * load_N, self.lower_rad, self.upper_rad)
+        tensions_N = self.joint_tension_N(load_N, branch)
+        return np.concatenate([settled(*item) for item in zip(self.joints, self.tendon.laws, tensions_N, strict=True)])
 
     @property
     def free_closing_stiffness_N_per_m(self) -> float:
-        """Tendon load per excursion while nothing is touched and no stop is met, N/m."""
+        """Tendon load per excursion at rest, while winding and nothing is touched, N/m."""
         return float(1.0 / (self.tendon_arm_m @ self.load_free_per_N))
+
+    @property
+    def tendon_arm_m(self) -> Reals:
+        """(n,) excursion per coordinate at rest, m/rad; everywhere, where the tendon is linear."""
+        rest = np.zeros((1, self.stiffness_Nm_per_rad.size))
+        arms: Reals = self.tendon.at(rest).gradient[0].sum(0)
+        return arms
+
+    @property
+    def load_free_per_N(self) -> Reals:
+        """(n,) coordinates per newton of tendon load at rest, while winding and nothing is touched, rad/N."""
+        rest = np.zeros((1, self.stiffness_Nm_per_rad.size))
+        slope: Reals = self.joint_tension_N(1.0) @ self.tendon.at(rest).gradient[0] / self.stiffness_Nm_per_rad
+        return slope
 
 
 def finger_model(finger: Finger, root_half_distance_m: float, *, mirrored: bool) -> FingerModel:
-    """Model of one finger; `mirrored` for the left. Errors: MechanicsError for what is not modelled."""
-    stiffness = []
-    for name, joint in zip(("proximal_joint", "distal_joint"), finger.joints, strict=True):
-        if not isinstance(joint, PinJoint):
-            raise MechanicsError(
-                f"finger.{name}", "flexures are not supported yet.", help="Use a hand with pin joints."
-            )
-        stiffness.append(joint.stiffness_Nm_per_rad)
-    if finger.routing_friction != 0:
-        raise MechanicsError(
-            "finger.routing_friction",
-            f"{finger.routing_friction:g} is given, but friction of the tendon routing is not modelled yet.",
-            help="Set it to 0.",
+    """Model of one finger; `mirrored` for the left."""
+    joints = joint_model(finger.proximal_joint), joint_model(finger.distal_joint)
+    parts = slice(0, joints[0].size), slice(joints[0].size, joints[0].size + joints[1].size)
+    size = parts[1].stop
+    links: list[LinkModel] = []
+    end = Bundle(complex(root_half_distance_m), np.zeros(0), np.zeros(0), np.zeros((0, size)))
+    angle, row = 0.0, np.zeros(size)
+    lengths_m = finger.proximal_link_m, finger.distal_link_m
+    for joint, part, rest, length_m, corners_m in zip(
+        joints, parts, finger.rest_angle_rad, lengths_m, _inner_corners_m(finger), strict=True
+    ):
+        bend = joint.bend
+        root = Bundle(
+            end.origin,
+            np.concatenate([end.weights, bend.weights]),
+            np.concatenate([end.phases, angle + rest / 2 + bend.phases]),
+            np.vstack([end.coordinates, row + _embedded(bend.coordinates, part, size)]),
         )
-    arms = np.array(finger.tendon_arm_m)
-    stiffnesses = np.array(stiffness)
-    phases = np.cumsum(finger.rest_angle_rad)
-    C = np.array([[1.0, 0.0], [1.0, 1.0]])
+        angle, row = angle + rest, row + _embedded(joint.angle_row[None, :], part, size)[0]
+        link = LinkModel(root, angle, row, length_m, 1.0, corners_m)
+        links.append(link)
+        end = link.point(length_m, 0.0)
     if mirrored:
-        phases, C = np.pi - phases, -C
-    limits = np.array([joint.flexion_limit_rad for joint in finger.joints])
+        links = [
+            LinkModel(
+                link.root.mirrored(),
+                math.pi - link.angle_rad,
+                -link.angle_row,
+                link.length_m,
+                -1.0,
+                link.inner_corners_m,
+            )
+            for link in links
+        ]
+    proximal, distal = links
     return FingerModel(
-        tip=Bundle(
-            complex(-root_half_distance_m if mirrored else root_half_distance_m),
-            np.array([finger.proximal_link_m, finger.distal_link_m - finger.tip.radius_m]),
-            phases,
-            C,
-        ),
+        tip=distal.point(finger.distal_link_m - finger.tip.radius_m, 0.0),
         tip_radius_m=finger.tip.radius_m,
-        angle_rad=float(phases[1]),
-        angle_row=C[1],
-        tendon_arm_m=arms,
-        stiffness_Nm_per_rad=stiffnesses,
-        lower_rad=limits[:, 0],
-        upper_rad=limits[:, 1],
-        load_free_per_N=arms / stiffnesses,
+        angle_rad=distal.angle_rad,
+        angle_row=distal.angle_row,
+        links=(proximal, distal),
+        inner_m=finger.outline.inner_m,
+        outer_m=finger.outline.outer_m,
+        pad=Pad(finger.tip.pad_length_m) if finger.tip.pad_length_m > 0 else None,
+        tendon=TendonModel(_tendon_laws(finger, joints), parts),
+        routing_loss=finger.routing_friction,
+        tendon_stiffness_N_per_m=finger.tendon_stiffness_N_per_m,
+        stiffness_Nm_per_rad=np.concatenate([joint.stiffness_Nm_per_rad for joint in joints]),
+        lower_rad=np.concatenate([joint.lower_rad for joint in joints]),
+        upper_rad=np.concatenate([joint.upper_rad for joint in joints]),
+        joint_index=(0, parts[1].start),
+        joints=joints,
     )
 
 
@@ -136,3 +188,41 @@ def finger_models(hand: Hand) -> tuple[FingerModel, FingerModel]:
     """Right and left finger of a hand."""
     b = hand.root_half_distance_m
     return finger_model(hand.right, b, mirrored=False), finger_model(hand.left, b, mirrored=True)
+
+
+def _tendon_laws(finger: Finger, joints: tuple[JointModel, JointModel]) -> tuple[TendonLaw, TendonLaw]:
+    proximal, distal = (
+        _tendon_law(parameters, joint, offset_m)
+        for parameters, joint, offset_m in zip(finger.joints, joints, finger.tendon_arm_m, strict=True)
+    )
+    return proximal, distal
+
+
+def _tendon_law(parameters: PinJoint | FlexureJoint, joint: JointModel, offset_m: float) -> TendonLaw:
+    tendon = parameters.tendon
+    if isinstance(tendon, StraightTendonAtPin):
+        return straight_run(joint, offset_m, tendon.before_m, tendon.after_m)
+    if isinstance(tendon, StraightTendonAtFlexure):
+        return straight_run(joint, offset_m)
+    return constant_offset(joint, offset_m)
+
+
+def _inner_corners_m(finger: Finger) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+    """Ends of the inner sides of both links; the distal one ends under the centre of the tip's arc, not beyond it."""
+    inner_m, rest, joint = finger.outline.inner_m, finger.rest_angle_rad[1], finger.distal_joint
+    tip_m = (finger.distal_link_m - finger.tip.radius_m, min(inner_m, finger.tip.radius_m))
+    if isinstance(joint, FlexureJoint):
+        cut_m, across_m = inner_m * math.sin(rest / 2), inner_m * math.cos(rest / 2)
+    else:
+        half = (rest + joint.flexion_limit_rad[1]) / 2
+        shortest_m = min(finger.proximal_link_m, tip_m[0])
+        cut_m, across_m = (inner_m * math.tan(half) if 0 < half < math.pi / 2 else shortest_m), inner_m
+        cut_m = min(cut_m, shortest_m)
+    return [((0.0, inner_m), (finger.proximal_link_m - cut_m, across_m)), ((cut_m, across_m), tip_m)]
+
+
+def _embedded(columns: Reals, part: slice, size: int) -> Reals:
+    """Columns of one joint among those of the whole finger."""
+    result = np.zeros((columns.shape[0], size))
+    result[:, part] = columns
+    return result

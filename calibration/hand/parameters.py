@@ -1,9 +1,10 @@
 """Parameter files of two-fingered planar hands: TOML to frozen structs.
 
 SI units, angles in degrees where the key says so; keys as in the files beside this module, which give the source of
-each number. Finger order right, left; flexion from rest is positive when closing. `[finger.right]` and `[finger.left]`
-override single keys of `[finger]`; `[preset.NAME]` overrides keys of the whole file. Source: hand-mechanics
-reference 2, 12.
+each number. A tendon passes a joint at a constant offset unless the joint's table says `tendon = { kind = "straight" }`
+(at a pin with before_m and after_m). Finger order right, left; flexion from rest is positive when closing.
+`[finger.right]` and `[finger.left]` override single keys of `[finger]`; `[preset.NAME]` overrides keys of the whole
+file. Source: hand-mechanics reference 2, 4, 12.
 """
 
 from __future__ import annotations
@@ -22,12 +23,39 @@ from drivers.errors import ConfigurationError
 
 DIRECTORY = Path(__file__).parent
 SIDES = ("right", "left")
+JOINTS = ("proximal_joint", "distal_joint")
+UNLIMITED = (-math.inf, math.inf)
+TENDON_SHARE = 0.95
+"""Share of a straight tendon's range that the stops may use; at its ends the tendon's arm has no derivative."""
 
 Length = Annotated[float, Meta(gt=0, le=1)]
 Offset = Annotated[float, Meta(ge=-1, le=1)]
 Mass = Annotated[float, Meta(gt=0, le=20)]
 Degrees = Annotated[float, Meta(ge=-180, le=180)]
 Inertia = Annotated[float, Meta(ge=-1, le=1)]
+
+
+class ConstantTendon(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="constant"):
+    """Tendon at the constant distance `tendon_arm_m` from the joint's axis: along a flexure, or on a pulley."""
+
+
+class StraightTendonAtPin(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="straight"):
+    """Tendon that runs straight past a pin, between a guide `before_m` and one `after_m` from it along the tendon at
+    rest, which passes the pin at the distance `tendon_arm_m`."""
+
+    before_m: Length
+    after_m: Length
+
+    def flexion_range_rad(self, offset_m: float) -> tuple[float, float]:
+        """Flexion at which guides and pin are in line, where the tendon would change sides or lose its arm."""
+        upper = math.atan2(self.before_m, offset_m) + math.atan2(self.after_m, offset_m)
+        return upper - math.pi, upper
+
+
+class StraightTendonAtFlexure(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="straight"
+):
+    """Tendon that runs straight between guides at the two ends of a flexure, `tendon_arm_m` from its axis."""
 
 
 class Joint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind"):
@@ -51,6 +79,11 @@ class PinJoint(Joint, frozen=True, tag="pin"):
     """Pin with a linear spring."""
 
     stiffness_Nm_per_rad: Annotated[float, Meta(gt=0, le=100)]
+    tendon: ConstantTendon | StraightTendonAtPin = ConstantTendon()
+
+    def tendon_range_rad(self, offset_m: float) -> tuple[float, float]:
+        """Flexion between which the tendon's law holds, for a tendon `offset_m` from the pin."""
+        return self.tendon.flexion_range_rad(offset_m) if isinstance(self.tendon, StraightTendonAtPin) else UNLIMITED
 
 
 class FlexureJoint(Joint, frozen=True, tag="flexure"):
@@ -59,12 +92,29 @@ class FlexureJoint(Joint, frozen=True, tag="flexure"):
     length_m: Length
     bending_stiffness_Nm2: Annotated[float, Meta(gt=0, le=10)]
     coordinates: Annotated[int, Meta(ge=1, le=6)] = 3
+    tendon: ConstantTendon | StraightTendonAtFlexure = ConstantTendon()
+
+    def tendon_range_rad(self, offset_m: float) -> tuple[float, float]:
+        """Flexion between which the tendon's law holds; guides of a straight tendon meet at length / offset."""
+        straight = isinstance(self.tendon, StraightTendonAtFlexure)
+        return (-math.pi / 2, self.length_m / offset_m) if straight else UNLIMITED
 
 
 class Tip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Arc at the fingertip; its centre lies `radius_m` before the link's end; 0 is a point contact."""
+    """Arc at the fingertip; its centre lies `radius_m` before the link's end; 0 is a point.
+
+    The flat pad on the inner side is tangent to the arc and reaches `pad_length_m` back from the arc's centre.
+    """
 
     radius_m: Annotated[float, Meta(ge=0, le=0.1)]
+    pad_length_m: Annotated[float, Meta(ge=0, le=1)] = 0.0
+
+
+class Outline(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Outline of both phalanges: how far they reach from their axis to the inner (palmar) and the outer side."""
+
+    inner_m: Annotated[float, Meta(gt=0, le=0.1)]
+    outer_m: Annotated[float, Meta(gt=0, le=0.1)]
 
 
 class Finger(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -81,10 +131,23 @@ class Finger(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     proximal_joint: PinJoint | FlexureJoint
     distal_joint: PinJoint | FlexureJoint
     tip: Tip
+    outline: Outline
 
     def __post_init__(self) -> None:
         if self.tip.radius_m >= self.distal_link_m:
             raise FieldError("tip.radius_m", "less than distal_link_m, to whose end the arc reaches")
+        if self.tip.pad_length_m > self.distal_link_m - self.tip.radius_m:
+            raise FieldError(
+                "tip.pad_length_m", "at most distal_link_m − tip.radius_m, the link behind the arc's centre"
+            )
+        for name, joint, offset_m in zip(JOINTS, self.joints, self.tendon_arm_m, strict=True):
+            lower, upper = (TENDON_SHARE * limit for limit in joint.tendon_range_rad(offset_m))
+            if not lower <= joint.flexion_limit_rad[0] <= joint.flexion_limit_rad[1] <= upper:
+                raise FieldError(
+                    f"{name}.flexion_limit_deg",
+                    f"limits from {math.degrees(lower):.1f} to {math.degrees(upper):.1f}: {TENDON_SHARE:.0%} of the "
+                    f"range in which a straight tendon can run past this joint",
+                )
 
     @property
     def rest_angle_rad(self) -> tuple[float, float]:

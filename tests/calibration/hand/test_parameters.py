@@ -5,9 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from calibration.hand.finger import finger_models
-from calibration.hand.parameters import DIRECTORY, FlexureJoint, load_hand
-from drivers.errors import ConfigurationError, MechanicsError
+from calibration.hand.parameters import DIRECTORY, load_hand
+from drivers.errors import ConfigurationError
 
 SOURCE = (DIRECTORY / "t42pp.toml").read_text()
 
@@ -70,15 +69,3 @@ def test_unknown_hand_and_preset_list_what_there_is() -> None:
         load_hand("t42xx")
     with pytest.raises(ConfigurationError, match="fitted, nominal"):
         load_hand("t42pp", "fited")
-
-
-def test_flexures_are_read_but_not_yet_modelled(tmp_path: Path) -> None:
-    """A flexure in a file is understood; mechanics refuse it instead of taking it for a pin."""
-    flexure = 'kind = "flexure"\nlength_m = 0.01\nbending_stiffness_Nm2 = 7.26e-4\n'
-    start = SOURCE.index("[finger.distal_joint]")
-    end = SOURCE.index("[finger.tip]")
-    text = SOURCE[:start] + f"[finger.distal_joint]\n{flexure}flexion_limit_deg = [0.0, 71.6]\n\n" + SOURCE[end:]
-    hand = load_hand(write(tmp_path, text.split("[preset")[0]), "nominal")
-    assert isinstance(hand.right.distal_joint, FlexureJoint)
-    with pytest.raises(MechanicsError, match="flexures are not supported yet"):
-        finger_models(hand)
