@@ -1,9 +1,9 @@
 """The MuJoCo model of the simulated world: arm, hand, object and support in one MJCF document.
 
 World frame: z up, gravity 9.81 m/s². Bodies: `base` (DH frame 0) … `tool` (wrist W) → `hand` (hand frame H) → fingers
-and spools; `object` free. Parts: `world_arm.py`, `world_hand.py`, `world_finger.py`, `world_object.py`. Only named pairs
-touch: each fingertip and the object, the object and the support; so friction is what is stated there, and no default
-of MuJoCo's mixes in.
+and spools; `object` free. Parts: `world_arm.py`, `world_hand.py`, `world_finger.py`, `world_object.py`. Only named
+pairs touch: each fingertip and the object, the object and the support; so friction is what is stated there, and no
+default of MuJoCo's mixes in.
 """
 
 from __future__ import annotations

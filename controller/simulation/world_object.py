@@ -3,12 +3,14 @@
 Object frame: z along the axis of an upright prism, origin at the outline's reference point, at half the height; the
 outline is turned in it by a given angle. Outlines: hand-mechanics reference 5; friction is what is stated here.
 
-A fingertip arc is a sphere, so that the contact has one point. On a cylinder or box MuJoCo computes it in closed form.
+A fingertip arc is a sphere, so that the contact has one point. On a cylinder or box MuJoCo computes it in closed form;
+a polygon is a convex mesh, and so is any other curve, as a prism of `OUTLINE_POINTS` flat sides.
 Torsion about the contact normal has the friction of a line as long as the finger is wide; without it two point contacts
 would let the object swing about the line between them. A ball is an upright cylinder here: between fingers that are
 lines across the hand plane it rolls as its section does, and between two points it would roll out of the plane.
 
-An object stands on small balls along its rim. MuJoCo's own contact of cylinder and plane takes the rim's lowest point
+An object stands on small balls along its rim, as bottles do; its drag against turning is up to half as large again as
+that of an evenly pressed patch. MuJoCo's own contact of cylinder and plane takes the rim's lowest point
 from the tilt, and makes of a tilt of round-off size a penetration of millimetres, which throws the object.
 """
 
@@ -22,6 +24,7 @@ from numpy.typing import NDArray
 
 from calibration.hand.parameters import SIDES
 from calibration.objects.parameters import GraspObject
+from calibration.objects.shapes import Disc, Polygon, Rectangle, Shape, Sphere
 from controller.simulation.world_arm import text
 from controller.simulation.world_finger import FINGER_WIDTH_M
 from drivers.errors import InputError
@@ -54,9 +57,8 @@ class ObjectSetting:
     def outline_m(self) -> NDArray[np.float64]:
         """Points around the outline, counter-clockwise, in the object frame, (points, 2)."""
         cos, sin = np.cos(self.outline_angle_rad), np.sin(self.outline_angle_rad)
-        angles = 2 * np.pi * np.arange(OUTLINE_POINTS) / OUTLINE_POINTS
-        circle = np.column_stack([np.cos(angles), np.sin(angles)])
-        return self.grasped.shape.radius_m * circle @ np.array([[cos, sin], [-sin, cos]])
+        turned: NDArray[np.float64] = _outline_m(self.grasped.shape) @ np.array([[cos, sin], [-sin, cos]])
+        return turned
 
 
 def add_object(
@@ -80,15 +82,14 @@ def add_object(
     if setting.weightless:
         body.set("gravcomp", "1")
     ElementTree.SubElement(body, "freejoint", name="object")
-    centre_m, moments_m2 = section_moments(outline_m)
-    across_xx, across_yy, across_xy = moments_m2 * grasped.mass_kg
+    xx, yy, xy = grasped.mass_kg * mean_squares_m2(outline_m)
     upright = grasped.mass_kg * height_m**2 / 12
     ElementTree.SubElement(
         body,
         "inertial",
-        pos=text((*centre_m, 0.0)),
+        pos="0 0 0",
         mass=repr(grasped.mass_kg),
-        fullinertia=text((across_yy + upright, across_xx + upright, across_xx + across_yy, -across_xy, 0.0, 0.0)),
+        fullinertia=text((yy + upright, xx + upright, xx + yy, -xy, 0.0, 0.0)),
     )
     half = setting.outline_angle_rad / 2
     turned = text((np.cos(half), 0.0, 0.0, np.sin(half)))
@@ -100,39 +101,49 @@ def add_object(
             contact, "pair", touch, geom1=f"tip_{side}", geom2="object", condim="4", friction=friction
         )
     if grasped.support is not None:
-        feet_m = _feet_m(outline_m, centre_m)
+        feet_m = _feet_m(outline_m)
         _add_support(worldbody, body, contact, grasped.support.friction, T_world_object, height_m, feet_m, touch)
 
 
-def section_moments(outline_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Centroid (2,) m of the polygon with these vertices (n, 2), and its mean square distances (3,) m² along x, along y
-    and their product about the centroid."""
+def mean_squares_m2(outline_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Means of x², y² and xy over the area of the polygon with these vertices (n, 2) m, counter-clockwise."""
     x, y = outline_m.T
     x_next, y_next = np.roll(x, -1), np.roll(y, -1)
     cross = x * y_next - x_next * y
-    area_m2 = cross.sum() / 2
-    centre = np.array([((x + x_next) * cross).sum(), ((y + y_next) * cross).sum()]) / (6 * area_m2)
-    second = np.array(
+    moments = np.array(
         [
-            ((x * x + x * x_next + x_next * x_next) * cross).sum() / 12,
-            ((y * y + y * y_next + y_next * y_next) * cross).sum() / 12,
-            ((x * y_next + 2 * x * y + 2 * x_next * y_next + x_next * y) * cross).sum() / 24,
+            ((x * x + x * x_next + x_next * x_next) * cross).sum() / 6,
+            ((y * y + y * y_next + y_next * y_next) * cross).sum() / 6,
+            ((x * y_next + 2 * x * y + 2 * x_next * y_next + x_next * y) * cross).sum() / 12,
         ]
     )
-    return centre, second / area_m2 - np.array([centre[0] ** 2, centre[1] ** 2, centre[0] * centre[1]])
+    means: NDArray[np.float64] = moments / cross.sum()
+    return means
+
+
+def _outline_m(shape: Shape) -> NDArray[np.float64]:
+    if isinstance(shape, Rectangle | Polygon):
+        return np.column_stack([shape.corners.real, shape.corners.imag])
+    return shape.outline_m(OUTLINE_POINTS)
 
 
 def _geometry(grasped: GraspObject, height_m: float, asset: ElementTree.Element) -> dict[str, str]:
     shape = grasped.shape
-    return {"type": "cylinder", "size": text((shape.radius_m, height_m / 2))}
+    if isinstance(shape, Disc | Sphere):
+        return {"type": "cylinder", "size": text((shape.diameter_m / 2, height_m / 2))}
+    if isinstance(shape, Rectangle):
+        return {"type": "box", "size": text((shape.width_m / 2, shape.depth_m / 2, height_m / 2))}
+    prism = [text((x, y, z)) for z in (-height_m / 2, height_m / 2) for x, y in _outline_m(shape)]
+    ElementTree.SubElement(asset, "mesh", name="object", vertex=" ".join(prism))
+    return {"type": "mesh", "mesh": "object"}
 
 
-def _feet_m(outline_m: NDArray[np.float64], centre_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Where the feet stand, (feet, 2) m: the outline's outermost points in `FEET` directions, a foot's radius inside."""
+def _feet_m(outline_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Where the feet stand, (feet, 2) m: the outermost points in `FEET` directions, a foot's radius inside."""
     angles = 2 * np.pi * np.arange(FEET) / FEET
     directions = np.column_stack([np.cos(angles), np.sin(angles)])
-    rim = outline_m[np.unique(np.argmax(outline_m @ directions.T, axis=0))] - centre_m
-    return np.asarray(centre_m + rim * (1.0 - FOOT_RADIUS_M / np.linalg.norm(rim, axis=1))[:, None])
+    rim = outline_m[np.unique(np.argmax(outline_m @ directions.T, axis=0))]
+    return np.asarray(rim * (1.0 - FOOT_RADIUS_M / np.linalg.norm(rim, axis=1))[:, None])
 
 
 def _add_support(
