@@ -27,7 +27,7 @@ from calibration.objects import GraspObject
 from calibration.table_file import Arrays
 from drivers.errors import MechanicsError, TableError
 
-MODEL_VERSION = 1
+MODEL_VERSION = 2
 """Raise it when the equations change, so that stored tables are built again."""
 NODES = 41
 DIFFERENCE_RANGE_M = 2e-3
@@ -299,7 +299,7 @@ def _frozen_arrays(system: GraspSystem, path: PathGrid, channels: Reals) -> Arra
     load above."""
     columns = path.difference_m.size
     travel, load_N, slope = np.full(columns, 1.0), np.zeros(columns), np.zeros((columns, channels.shape[0]))
-    distal = [1, 3]  # the joints that close: their stops freeze the hand
+    distal = [system.joint_columns[1], system.joint_columns[3]]  # the joints that close: their stops freeze the hand
     by_load, by_excursion = load_drive(system), excursion_drive(system)
     for column, event in enumerate(path.end_event):
         state = path.end_w[column]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.grasp.continuation import advance
-from calibration.grasp.equilibrium import Drive, Flags, GraspSystem
+from calibration.grasp.equilibrium import Drive, Flags, GraspSystem, excursion_drive, load_drive
 from calibration.hand.finger import Reals
 from drivers.errors import MechanicsError
 
@@ -23,6 +23,8 @@ TRACE_STEP_M = 1e-4
 LONGEST_PATH_M = 0.06
 NO_SOLUTION = "no stable equilibrium"
 ROUNDING_N = 1e-9
+
+__all__ = ["Event", "PathGrid", "events", "excursion_drive", "known", "load_drive", "solve_path_grid"]
 
 Progress = Callable[[float], None]
 
@@ -65,23 +67,12 @@ class PathGrid:
         return known(self.w)
 
 
-def excursion_drive(system: GraspSystem) -> Drive:
-    """Prescribes mean excursion and difference right − left, m, since rest."""
-    right, left = system.excursion_rows()
-    return Drive(np.array([0.5 * (right + left), right - left]))
-
-
-def load_drive(system: GraspSystem) -> Drive:
-    """Prescribes mean tendon load, N, and excursion difference, m, since rest."""
-    return Drive(np.array([0.5 * system.load_rows().sum(0), excursion_drive(system).rows[1]]))
-
-
 def events(system: GraspSystem) -> list[Event]:
     """All that can end a path, stops first."""
     names = [f"{side} {joint}" for side in ("right", "left") for joint in ("proximal", "distal")]
     loads, contacts = system.load_rows(), system.contact_rows()
     found = []
-    for index, name in enumerate(names):
+    for name, index in zip(names, system.joint_columns, strict=True):
         row = system.joint_row(index)
         found.append(Event(f"{name} stop", row, float(system.upper_rad[index]), -1.0, stop=True))
         found.append(Event(f"{name} lower stop", row, float(system.lower_rad[index]), 1.0, stop=True))

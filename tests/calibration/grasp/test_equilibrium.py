@@ -189,7 +189,8 @@ def test_laws_of_every_equilibrium(split: float, mean_m: float, difference_m: fl
     assert slope == pytest.approx([right + left, (right - left) / 2], rel=1e-9, abs=1e-9)
     harder = wound(stiff, mean_m, difference_m)
     assert harder[0, :7] == pytest.approx(w[0, :7], abs=1e-10)
-    assert harder[0, 7:] == pytest.approx(6 * w[0, 7:], rel=1e-8, abs=1e-9)
+    forces = np.r_[7:11, 13:15]
+    assert harder[0, forces] == pytest.approx(6 * w[0, forces], rel=1e-8, abs=1e-9)
 
 
 @pytest.mark.parametrize("index", ["excursion", "load"])
