@@ -85,8 +85,8 @@ class SupportFunction:
             lower, upper = np.where(rising > 0, psi, lower), np.where(rising < 0, psi, upper)
             step = rising / np.maximum(turned.real + curve, 1e-300)
             following = psi + step
-            outside = (following <= lower) | (following >= upper)
-            following = np.where(outside & (rising != 0), (lower + upper) / 2, following)
+            outside = (following < lower) | (following > upper)
+            following = np.where(outside, (lower + upper) / 2, following)
             done = np.abs(following - psi).max(initial=0.0) < 1e-15
             psi = following
             if done:
