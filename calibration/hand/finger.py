@@ -42,6 +42,9 @@ __all__ = [
 
 Branch = Literal["winding", "unwinding"]
 
+CUT = 1.001
+"""How much more than needed the faces at a pin are cut, so that the stop is met before they are: some µm."""
+
 
 @dataclass(frozen=True)
 class LinkModel:
@@ -216,7 +219,7 @@ def _inner_corners_m(finger: Finger) -> list[tuple[tuple[float, float], tuple[fl
     else:
         half = (rest + joint.flexion_limit_rad[1]) / 2
         shortest_m = min(finger.proximal_link_m, tip_m[0])
-        cut_m, across_m = (inner_m * math.tan(half) if 0 < half < math.pi / 2 else shortest_m), inner_m
+        cut_m, across_m = (CUT * inner_m * math.tan(half) if 0 < half < math.pi / 2 else shortest_m), inner_m
         cut_m = min(cut_m, shortest_m)
     return [((0.0, inner_m), (finger.proximal_link_m - cut_m, across_m)), ((cut_m, across_m), tip_m)]
 
