@@ -10,12 +10,12 @@ from __future__ import annotations
 import contextlib
 import importlib
 import multiprocessing
-import multiprocessing.connection
 import os
 import signal
 import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
+from multiprocessing.connection import Connection
 from typing import Any
 
 from drivers.errors import InputError
@@ -28,10 +28,20 @@ ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_
 
 @contextlib.contextmanager
 def process_pool(workers: int | None = None) -> Iterator[Executor]:
-    """Pool of `workers` processes (None: one a core) that end with this one, and leave Ctrl-C to it."""
+    """Pool of `workers` processes (None: one a core) that leave Ctrl-C to this one; left by an exception, or when
+    this process dies, they end at once."""
     _check(workers)
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _prepare_worker) as pool:
-        yield pool
+    context = multiprocessing.get_context("spawn")
+    here, ours = context.Pipe(duplex=False)
+    with here, ours:
+        pool = ProcessPoolExecutor(workers, context, _prepare_worker, (here,))
+        try:
+            yield pool
+        except BaseException:
+            ours.close()  # whoever leaves early waits for nobody's work
+            raise
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 @contextlib.contextmanager
@@ -59,7 +69,7 @@ def cluster(address: str, workers: int | None = None) -> Iterator[Executor]:
             client = stack.enter_context(distributed.Client(address, timeout=TIMEOUT, set_as_default=False))
         except (OSError, ValueError) as error:
             raise InputError(
-                f"no cluster at {address!r}: {error}",
+                f"no cluster at {address!r}: {error}.",
                 help="Start `dask scheduler` and `dask worker`, and give the scheduler's address (tcp://host:8786).",
             ) from error
         yield client.get_executor(pure=False)
@@ -70,16 +80,14 @@ def _check(workers: int | None) -> None:
         raise InputError(f"{workers} workers are not between 1 and 1024.", help="One a core is a good number.")
 
 
-def _prepare_worker() -> None:
-    """First thing in a worker process."""
+def _prepare_worker(owner: Connection) -> None:
+    """First thing in a worker process; the other end of `owner` is open as long as anybody wants work from here."""
     os.environ.update(ONE_THREAD)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_leave_with_parent, daemon=True).start()
+    threading.Thread(target=_leave_with, args=(owner,), daemon=True).start()
 
 
-def _leave_with_parent() -> None:
-    """A pool's idle worker would wait for work for ever when the process that started it is killed."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        multiprocessing.connection.wait([parent.sentinel])
-        os._exit(1)
+def _leave_with(owner: Connection) -> None:
+    """Without this, the workers of a pool whose process is killed would wait for work for ever."""
+    owner.poll(None)  # nobody sends: it returns at end-of-file
+    os._exit(1)

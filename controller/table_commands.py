@@ -19,19 +19,28 @@ import typer
 from rich.console import Console
 from rich.progress import Progress
 
-from calibration.build import NODES, build_table, is_current
+from calibration.build import NODES, build_or_load, is_current
+from calibration.catalogue import PAPER, Case, Outcome, Result, build_all, counted, load_catalogue
+from calibration.cluster import cluster as cluster_of
+from calibration.cluster import process_pool
 from calibration.grasp.specification import GraspSpec
 from calibration.hand.parameters import load_hand
 from calibration.motion_table import MotionTable, Status
 from calibration.objects import load_object
-from drivers.errors import StillgraspError, TableError
+from drivers.errors import InputError, StillgraspError, TableError
 
 app = typer.Typer(
     no_args_is_help=True,
     help="Build and inspect motion tables: where a squeezed object goes in the hand.",
     epilog="Example: stillgrasp table build --hand t42pp --object cylinder40 -o mug.npz",
 )
-REFUSED = 2
+FAILED, REFUSED = 1, 2
+ONE_TABLE = {
+    *("hand", "object_", "output", "preset", "onset_split", "object_offset_m", "object_angle_deg"),
+    *("contact_friction", "load_cap_N", "supported", "branch"),
+}
+MANY_TABLES = {"catalogue", "directory", "workers", "cluster"}
+"""Options of `build` that only go without --all, and only with it."""
 
 TableFile = Annotated[Path, typer.Argument(help="A motion table, .npz.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
@@ -48,34 +57,92 @@ def refusals() -> Iterator[None]:
 
 
 @app.command(
-    epilog="Example: stillgrasp table build --hand t42pp --object cylinder40 --onset-split 0.1 -o build/split.npz"
+    epilog="Examples: stillgrasp table build --hand t42pp --object cylinder40 --onset-split 0.1 -o build/split.npz; "
+    "stillgrasp table build --all --directory build/tables --workers 4"
 )
 def build(
-    hand: Annotated[str, typer.Option(help="Packaged hand (t42pp) or a TOML file.")],
-    object_: Annotated[str, typer.Option("--object", help="Packaged object (cylinder40) or a TOML file.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Table file to write, .npz.")],
+    context: typer.Context,
+    catalogue: Annotated[
+        Path | None, typer.Argument(help="With --all: the catalogue, a TOML file; else the paper's.")
+    ] = None,
+    hand: Annotated[str | None, typer.Option(help="Packaged hand (t42pp) or a TOML file.")] = None,
+    object_: Annotated[
+        str | None, typer.Option("--object", help="Packaged object (cylinder40) or a TOML file.")
+    ] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Table file to write, .npz.")] = None,
+    preset: Annotated[str, typer.Option(help="Parameter set of the hand file: nominal, fitted, …")] = "fitted",
     onset_split: Annotated[
         float, typer.Option(help="First-touch loads T(1 + x) right, T(1 − x) left; 0 is symmetric.")
     ] = 0.0,
+    object_offset_m: Annotated[
+        float, typer.Option(help="The object's centre off the line of the fingertips, positive away from the palm.")
+    ] = 0.0,
+    object_angle_deg: Annotated[float, typer.Option(help="Counter-clockwise turn of the object's outline.")] = 0.0,
+    contact_friction: Annotated[float, typer.Option(help="Friction coefficient at the fingertips.")] = 0.3,
+    load_cap_N: Annotated[
+        float | None, typer.Option("--load-cap-N", help="Tendon load at which winding stops; else the hand's.")
+    ] = None,
+    supported: Annotated[
+        bool | None,
+        typer.Option("--supported/--lifted", help="Whether it drags on its support; else as the object's file says."),
+    ] = None,
+    branch: Annotated[str, typer.Option(help="Tendons wound in, or let out again: winding, unwinding.")] = "winding",
     nodes: Annotated[int, typer.Option(help="Grid nodes per axis, 9 to 401.")] = NODES,
-    preset: Annotated[str, typer.Option(help="Parameter set of the hand file: nominal, fitted, …")] = "fitted",
+    all_: Annotated[bool, typer.Option("--all", help="Every case of a catalogue, on all cores.")] = False,
+    directory: Annotated[Path | None, typer.Option(help="With --all: folder of the tables.")] = None,
+    workers: Annotated[int | None, typer.Option(help="With --all: processes; else one a core.")] = None,
+    cluster: Annotated[
+        str | None, typer.Option(help="With --all: a dask scheduler (tcp://host:8786), or local.")
+    ] = None,
+    as_json: AsJson = False,
 ) -> None:
-    """Build the table of a hand and an object."""
+    """Build the table of a hand and an object, or with --all every table of a catalogue.
+
+    A table that is there, of the same inputs and version, is left as it is; so an interrupted --all goes on.
+    """
     with refusals():
+        _refuse_wrong_company(context, all_)
+        if all_:
+            assert directory is not None  # checked above, as are the others below
+            _check_nodes(nodes)
+            _build_catalogue(load_catalogue(catalogue or PAPER), directory, workers, cluster, nodes, as_json)
+            return
+        assert hand is not None
+        assert object_ is not None
+        assert output is not None
         taken = load_object(object_)
-        grasp = GraspSpec(onset_split=onset_split, supported=taken.support is not None)
-        with Progress(console=Console(stderr=True), transient=True) as bar:
+        options: dict[str, Any] = {  # the grasp itself refuses what it cannot be
+            "onset_split": onset_split,
+            "contact_friction": contact_friction,
+            "load_cap_N": load_cap_N,
+            "supported": taken.support is not None if supported is None else supported,
+            "object_offset_m": object_offset_m,
+            "object_angle_deg": object_angle_deg,
+            "branch": branch,
+        }
+        with _progress() as bar:
             task = bar.add_task("equilibria", total=1.0)
-            table = build_table(
+            table, current = build_or_load(
+                output,
                 load_hand(hand, preset),
                 taken,
-                grasp,
+                GraspSpec(**options),
                 nodes=nodes,
                 progress=lambda done: bar.update(task, completed=done),
             )
-        table.save(output)
-        end_mm = table.mean_excursion_end_m(0.0) * 1e3
-        typer.echo(f"{output}: {nodes} nodes, equal winding up to {end_mm:.2f} mm, {table.mean_load_end_N(0.0):.1f} N")
+        end_mm, end_N = table.mean_excursion_end_m(0.0) * 1e3, table.mean_load_end_N(0.0)
+    if as_json:
+        done = {
+            "file": str(output),
+            "result": Result.CURRENT if current else Result.BUILT,
+            "inputs_sha256": table.inputs_sha256,
+            "equal_winding_end_m": end_mm / 1e3,
+            "load_end_N": end_N,
+        }
+        typer.echo(json.dumps(done))
+        return
+    was = "already current, " if current else ""
+    typer.echo(f"{output}: {was}{nodes} nodes, equal winding up to {end_mm:.2f} mm, {end_N:.1f} N")
 
 
 @app.command(epilog="Example: stillgrasp table show build/split.npz --json")
@@ -161,6 +228,83 @@ def equal_path(table: MotionTable) -> list[dict[str, Any]]:
             }
         )
     return path
+
+
+def _refuse_wrong_company(context: typer.Context, all_: bool) -> None:
+    """InputError for options that belong to the other way of building, and for those that are missing."""
+    sources = {name: context.get_parameter_source(name) for name in context.params}
+    given = {name for name, source in sources.items() if source is not None and source.name == "COMMANDLINE"}
+    foreign = (ONE_TABLE if all_ else MANY_TABLES) & given
+    missing = ({"directory"} if all_ else {"hand", "object_", "output"}) - given
+    if foreign:
+        why = "only for one table; a catalogue says them itself" if all_ else "only with --all"
+        raise InputError(f"{_options(foreign)}: {why}.", help="Leave out either.")
+    if missing:
+        raise InputError(f"{_options(missing)}: missing.", help="See `stillgrasp table build --help`.")
+
+
+def _options(names: set[str]) -> str:
+    """As they are typed."""
+    typed = {"catalogue": "CATALOGUE", "load_cap_N": "--load-cap-N"}
+    return ", ".join(sorted(typed.get(name, "--" + name.rstrip("_").replace("_", "-")) for name in names))
+
+
+def _check_nodes(nodes: int) -> None:
+    if not 9 <= nodes <= 401:
+        raise InputError(f"nodes: {nodes} nodes per axis are not between 9 and 401.")
+
+
+def _progress() -> Progress:
+    """A bar for a terminal, on standard error alone: rich would otherwise send there what standard output gets."""
+    console = Console(stderr=True)
+    return Progress(
+        console=console,
+        transient=True,
+        redirect_stdout=False,
+        redirect_stderr=False,
+        disable=not console.is_terminal,
+    )
+
+
+def _told(outcome: Outcome) -> str:
+    return f"{outcome.result:<11} {outcome.case.name}" + (f": {outcome.reason}" if outcome.reason else "")
+
+
+def _build_catalogue(
+    cases: list[Case], directory: Path, workers: int | None, address: str | None, nodes: int, as_json: bool
+) -> None:
+    """Build all, tell each as it comes, and leave with exit code 1 if any failed."""
+    executor = process_pool(workers) if address is None else cluster_of(address, workers)
+    with executor as pool, _progress() as bar:
+        task = bar.add_task("tables", total=len(cases))
+
+        def tell(outcome: Outcome) -> None:
+            bar.advance(task)
+            bar.console.print(_told(outcome), markup=False, highlight=False, soft_wrap=True)
+
+        outcomes = build_all(cases, directory, pool, nodes=nodes, on_result=tell)
+    counts = counted(outcomes)
+    if as_json:
+        rows = [
+            {
+                "name": outcome.case.name,
+                "file": str(outcome.case.file(directory)),
+                "result": outcome.result,
+                "reason": outcome.reason,
+                "seconds": outcome.seconds,
+            }
+            for outcome in outcomes
+        ]
+        typer.echo(json.dumps({"directory": str(directory), **counts, "cases": rows}))
+    else:
+        for outcome in outcomes:
+            if outcome.reason:
+                typer.echo(_told(outcome))
+        typer.echo(f"{directory}: " + ", ".join(f"{count} {result}" for result, count in counts.items()))
+    failed = [outcome.case.name for outcome in outcomes if outcome.result is Result.FAILED]
+    if failed:
+        typer.echo(f"stillgrasp: {len(failed)} of {len(outcomes)} cases failed: {', '.join(failed)}", err=True)
+        raise typer.Exit(FAILED)
 
 
 def _summary(file: Path) -> dict[str, Any]:

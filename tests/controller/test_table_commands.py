@@ -1,6 +1,9 @@
 """`stillgrasp table …` as a user types it."""
 
 import json
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,6 +13,22 @@ from calibration.motion_table import MotionTable
 from controller.table_commands import app
 
 RUN = CliRunner()
+CATALOGUE = """
+[[grasp]]
+name = "symmetric"
+[[grasp]]
+name = "lifted"
+supported = false
+[[grasp]]
+name = "split"
+onset_split = 0.1
+[[tables]]
+hands = ["t42pp"]
+objects = ["cylinder40", "drum.toml"]
+grasps = ["symmetric", "lifted", "split"]
+"""
+ONE = ["build", "--hand"]
+DRUM = 'name = "drum"\nmass_kg = 0.1\nshape = { kind = "disc", diameter_m = 0.5 }\n[support]\nfriction = 0.3\n'
 
 
 @pytest.fixture(scope="module")
@@ -20,6 +39,14 @@ def table_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert result.exit_code == 0, result.stderr
     assert str(path) in result.stdout
     return path
+
+
+@pytest.fixture
+def catalogue(tmp_path: Path) -> Path:
+    """A catalogue of three cases that can be built and three that the hand cannot reach."""
+    (tmp_path / "drum.toml").write_text(DRUM)
+    (tmp_path / "mine.toml").write_text(CATALOGUE)
+    return tmp_path / "mine.toml"
 
 
 def test_show_prints_the_path(table_file: Path) -> None:
@@ -57,22 +84,101 @@ def test_list_names_damaged_tables_too(table_file: Path) -> None:
     assert rows[1]["onset_split"] == 0.1
 
 
+def test_a_current_table_is_left_as_it_is(table_file: Path) -> None:
+    """Building again costs nothing; another option on the same file builds anew."""
+    before = table_file.stat().st_mtime_ns
+    same = ["build", "--hand", "t42pp", "--object", "cylinder40", "--nodes", "13", "-o", str(table_file)]
+    told = RUN.invoke(app, [*same, "--onset-split", "0.1"])
+    assert (told.exit_code, "already current" in told.stdout) == (0, True)
+    assert table_file.stat().st_mtime_ns == before
+
+
+def test_options_reach_the_table(tmp_path: Path) -> None:
+    """Every option of the grasp is in the header of what was built, the preset in the hand's."""
+    output = tmp_path / "t.npz"
+    options = ["--lifted", "--preset", "nominal", "--contact-friction", "0.5", "--load-cap-N", "9", "--nodes", "9"]
+    arguments = ["build", "--hand", "t42pp", "--object", "cylinder40", *options, "-o", str(output), "--json"]
+    told = json.loads(RUN.invoke(app, arguments).stdout)
+    header = MotionTable.load(output).header
+    assert (told["result"], told["inputs_sha256"]) == ("built", header.inputs_sha256)
+    assert header.hand["preset"] == "nominal"
+    asked = {"supported": False, "contact_friction": 0.5, "load_cap_N": 9.0, "branch": "winding"}
+    assert {key: header.grasp[key] for key in asked} == asked
+
+
+def test_a_catalogue_is_built_with_a_report(catalogue: Path) -> None:
+    """One line a case on standard error as it comes; the sum, and the reasons, on standard output; then it is
+    current."""
+    arguments = ["build", "--all", str(catalogue), "--directory", str(catalogue.parent), "--nodes", "9"]
+    first = RUN.invoke(app, [*arguments, "--workers", "1"])
+    assert first.exit_code == 0, first.stderr
+    assert "3 built, 0 current, 3 unreachable, 0 failed" in first.stdout
+    assert "500.0 mm" in first.stdout
+    assert first.stderr.count("built ") == 3
+    again = json.loads(RUN.invoke(app, [*arguments, "--workers", "1", "--json"]).stdout)
+    assert (again["current"], again["unreachable"], again["built"]) == (3, 3, 0)
+    assert MotionTable.load(again["cases"][0]["file"]).header.object["name"] == "cylinder 40 mm"
+
+
+def test_a_failed_case_ends_with_exit_code_1_and_its_name(catalogue: Path) -> None:
+    """Scripts notice; the others are built."""
+    (catalogue.parent / "t42pp-fitted-cylinder40-lifted.npz").mkdir()
+    arguments = ["build", "--all", str(catalogue), "--directory", str(catalogue.parent), "--nodes", "9"]
+    told = RUN.invoke(app, [*arguments, "--cluster", "local", "--workers", "1"])
+    assert told.exit_code == 1
+    assert "2 built, 0 current, 3 unreachable, 1 failed" in told.stdout
+    assert "1 of 6 cases failed: t42pp-fitted-cylinder40-lifted" in told.stderr
+
+
+def test_ctrl_c_leaves_whole_tables_and_no_workers(catalogue: Path) -> None:
+    """It ends at once with what was finished, and nothing half-written; the next run goes on from there."""
+    directory = catalogue.parent / "tables"
+    program = "from controller.cli import main; main()"
+    arguments = ["table", "build", "--all", str(catalogue), "--directory", str(directory), "--workers", "1"]
+    with subprocess.Popen([sys.executable, "-c", program, *arguments], stderr=subprocess.PIPE, text=True) as running:
+        assert running.stderr is not None
+        first = running.stderr.readline()
+        running.send_signal(signal.SIGINT)
+        rest = running.stderr.read()
+        assert running.wait(60) == 130
+    assert "Traceback" not in rest
+    assert first.split() == ["built", "t42pp-fitted-cylinder40-symmetric"]
+    assert [file.name for file in directory.iterdir()] == ["t42pp-fitted-cylinder40-symmetric.npz"]
+    assert RUN.invoke(app, ["check", str(*directory.iterdir())]).exit_code == 0
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["build", "--hand", "t42xx", "--object", "cylinder40"], "t42pp"),
-        (["build", "--hand", "t42pp", "--object", "nothing.toml"], "nothing.toml"),
-        (["build", "--hand", "t42pp", "--object", "cylinder40", "--onset-split", "nan"], "onset_split"),
-        (["build", "--hand", "t42pp", "--object", "cylinder40", "--preset", "soft"], "fitted"),
-        (["build", "--hand", "t42pp", "--object", "cylinder40", "--nodes", "3"], "9 and 401"),
+        ([*ONE, "t42xx", "--object", "cylinder40"], "t42pp"),
+        ([*ONE, "t42pp", "--object", "nothing.toml"], "nothing.toml"),
+        ([*ONE, "t42pp", "--object", "cylinder40", "--onset-split", "nan"], "onset_split"),
+        ([*ONE, "t42pp", "--object", "cylinder40", "--object-offset-m", "inf"], "object_offset_m"),
+        ([*ONE, "t42pp", "--object", "cylinder40", "--object-angle-deg", "1e9"], "object_angle_deg"),
+        ([*ONE, "t42pp", "--object", "cylinder40", "--contact-friction", "0"], "contact_friction"),
+        ([*ONE, "t42pp", "--object", "cylinder40", "--load-cap-N", "-1"], "load_cap_N"),
+        ([*ONE, "t42pp", "--object", "cylinder40", "--branch", "sideways"], "unwinding"),
+        ([*ONE, "t42pp", "--object", "cylinder40", "--preset", "soft"], "fitted"),
+        ([*ONE, "t42pp", "--object", "cylinder40", "--nodes", "3"], "9 and 401"),
+        ([*ONE, "t42pp", "--object", "cylinder40", "--workers", "2"], "--workers: only with --all"),
+        ([*ONE, "t42pp"], "--object: missing"),
+        (["build", "--all"], "--directory: missing"),
+        (["build", "--all", "--directory", ".", "--nodes", "3"], "9 and 401"),
+        (["build", "--all", "--directory", ".", "--onset-split", "0"], "--onset-split: only for one table"),
+        (["build", "--all", "nothing.toml", "--directory", "."], "nothing.toml"),
+        (["build", "--all", "--directory", ".", "--workers", "0"], "1024"),
+        (["build", "--all", "--directory", ".", "--cluster", "nonsense://x"], "nonsense"),
     ],
+    ids=lambda value: " ".join(value[-2:]) if isinstance(value, list) else None,
 )
 def test_bad_input_ends_with_one_message(arguments: list[str], said: str, tmp_path: Path) -> None:
-    """What is wrong and what is accepted, exit code 2, and no file."""
+    """What is wrong and what is accepted in one line, exit code 2, and no file."""
     output = tmp_path / "table.npz"
-    result = RUN.invoke(app, [*arguments, "-o", str(output)])
+    result = RUN.invoke(app, arguments if "--all" in arguments else [*arguments, "-o", str(output)])
     assert result.exit_code == 2
     assert said in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+    assert result.stdout == ""
     assert not output.exists()
 
 
