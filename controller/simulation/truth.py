@@ -35,14 +35,13 @@ class WorldTruth:
 
 
 class WorldObserver:
-    """Looks at one world; `hand` gives the tendons' arms and stiffness."""
+    """Looks at one world; `hand` gives the tendons' stiffness."""
 
     def __init__(self, world: World, hand: Hand) -> None:
         self._world = world
         self._parts = world.parts
         self._model = self._parts.model
         self._data = mujoco.MjData(self._model)
-        self._arms_m = np.array([finger.tendon_arm_m for finger in hand.fingers])
         self._tendon_stiffness_N_per_m = np.array([finger.tendon_stiffness_N_per_m for finger in hand.fingers])
 
     def truth(self) -> WorldTruth:
@@ -54,7 +53,7 @@ class WorldObserver:
         T_world_object = _pose(data, parts.object_body)
         T_hand_world = np.linalg.inv(T_world_hand)
         joints = np.array([[data.qpos[hinges].sum() for hinges in finger] for finger in parts.finger])
-        tips_m = data.geom_xpos[parts.tip_geom] @ T_hand_world[:3, :3].T + T_hand_world[:3, 3]
+        tips_m = data.site_xpos[parts.tip_site] @ T_hand_world[:3, :3].T + T_hand_world[:3, 3]
         return WorldTruth(
             time_ns=self._world.time_ns,
             T_world_object=T_world_object,
@@ -62,7 +61,7 @@ class WorldObserver:
             T_hand_object=T_hand_world @ T_world_object,
             finger_joint_rad=joints,
             tip_m=tips_m[:, :2],
-            tendon_excursion_m=np.sum(self._arms_m * joints, axis=1),
+            tendon_excursion_m=parts.spool_radius_m * data.qpos[parts.spool] - self._stretch_m(),
             tendon_tension_N=self._tension_N(),
             contact_force_N=self._contact_force_N(),
         )
@@ -70,13 +69,20 @@ class WorldObserver:
     def _tension_N(self) -> NDArray[np.float64]:
         data, tendons = self._data, self._parts.tendon
         tension_N = np.zeros(2)
-        stretch_m = np.maximum(data.ten_length[tendons], 0.0)
+        stretch_m = np.maximum(data.ten_length[tendons] - self._parts.tendon_rest_m, 0.0)
         elastic = np.isfinite(self._tendon_stiffness_N_per_m)
         tension_N[elastic] = self._tendon_stiffness_N_per_m[elastic] * stretch_m[elastic]
         limits = data.efc_type == mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON
         for finger in np.flatnonzero(~elastic):
             tension_N[finger] = data.efc_force[limits & (data.efc_id == tendons[finger])].sum()
         return tension_N
+
+    def _stretch_m(self) -> NDArray[np.float64]:
+        """What the spools have wound up less what the joints have taken up, (2,); negative while a tendon is slack."""
+        parts, length_m = self._parts, self._data.ten_length
+        lag_m = np.array([0.0 if feed is None else length_m[feed] for feed in parts.tendon_feed])
+        stretch_m: NDArray[np.float64] = length_m[parts.tendon] - parts.tendon_rest_m + lag_m
+        return stretch_m
 
     def _contact_force_N(self) -> NDArray[np.float64]:
         data, force_N, wrench = self._data, np.zeros(2), np.zeros(6)

@@ -66,9 +66,10 @@ class World:
         if not 1e-3 <= spool_radius_m <= 0.1:
             raise InputError(f"spool_radius_m = {spool_radius_m} is not accepted; expected 0.001 to 0.1.")
         self._start_rad = _vector("joint_rad", joint_rad, JOINTS)
+        padded = any(finger.tip.pad_length_m > 0.0 for finger in hand.fingers)
         self._parts: WorldModel = build_world_model(
             hand,
-            ObjectSetting(grasp_object, outline_angle_rad, weightless, tip_friction),
+            ObjectSetting(grasp_object, outline_angle_rad, weightless, tip_friction, padded),
             arm_parameters,
             Placement(T_world_base, T_wrist_hand, T_world_object, self._start_rad),
             seed=seed,

@@ -13,12 +13,19 @@ of its hinges.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from cmath import exp
 from dataclasses import dataclass
 from math import cos, pi, sin
 
 import numpy as np
 
-from calibration.hand.parameters import Finger, FlexureJoint, PinJoint
+from calibration.hand.parameters import (
+    Finger,
+    FlexureJoint,
+    PinJoint,
+    StraightTendonAtFlexure,
+    StraightTendonAtPin,
+)
 from controller.simulation.world_arm import text
 from drivers.errors import MechanicsError
 
@@ -41,8 +48,8 @@ class _Place:
     """Where the next part begins: the body it hangs on, position m and angle rad in that body's frame."""
 
     body: ElementTree.Element
-    along_m: tuple[float, float, float]
-    angle_rad: float
+    along_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    angle_rad: float = 0.0
 
 
 def hinge_names(joint: PinJoint | FlexureJoint, part: str, side: str) -> list[str]:
@@ -50,6 +57,11 @@ def hinge_names(joint: PinJoint | FlexureJoint, part: str, side: str) -> list[st
     if isinstance(joint, PinJoint):
         return [f"{part}_{side}"]
     return [f"{part}_{side}_{index}" for index in range(FLEXURE_HINGES)]
+
+
+def guide_names(part: str, side: str) -> tuple[str, str]:
+    """Names of the sites between which a straight tendon runs past a joint."""
+    return f"before_{part}_{side}", f"after_{part}_{side}"
 
 
 def add_finger(
@@ -62,7 +74,8 @@ def add_finger(
 ) -> None:
     """Append one finger to the body `palm`, and the stops of its flexures to `tendons`.
 
-    Names: bodies `proximal_right`, `distal_right`, hinges as `hinge_names` says, geom `tip_right`; the same for left.
+    Names: bodies `proximal_right`, `distal_right`, hinges as `hinge_names` says, sites as `guide_names` says where
+    the tendon runs straight, geom `tip_right`; the same for left.
     `hard` are the constraint attributes of stops. Raises MechanicsError for a finger that cannot be simulated.
     """
     mirror = 1.0 if side == "right" else -1.0
@@ -77,25 +90,45 @@ def add_finger(
             place = _Place(place.body, place.along_m, place.angle_rad + rest_rad)
             link = _body(place, f"{part}_{side}")
             _add_hinge(link, names[0], mirror, joint.stiffness_Nm_per_rad, JOINT_DAMPING_NMS_PER_RAD, joint, hard)
+            if isinstance(joint.tendon, StraightTendonAtPin):
+                offset_m, tendon = mirror * finger.tendon_arm_m[index], joint.tendon
+                _add_guides(place, -tendon.before_m, _Place(link), tendon.after_m, offset_m, guide_names(part, side))
         else:
-            link = _body(_add_flexure(place, joint, names, mirror, rest_rad), f"{part}_{side}")
+            root, end = _add_flexure(place, joint, names, mirror, rest_rad)
+            link = _body(_Place(end.body, end.along_m, rest_rad / 2), f"{part}_{side}")
+            if isinstance(joint.tendon, StraightTendonAtFlexure):
+                offset_m = mirror * finger.tendon_arm_m[index]
+                _add_guides(_Place(root), 0.0, end, 0.0, offset_m, guide_names(part, side))
             _add_stops(tendons, joint, names, f"stop_{part}_{side}", hard)
         _add_link_inertia(link, lengths_m[index], masses_kg[index])
-        place = _Place(link, (lengths_m[index], 0.0, 0.0), 0.0)
+        place = _Place(link, (lengths_m[index], 0.0, 0.0))
     _add_tip(link, finger, side)
 
 
-def _add_flexure(place: _Place, joint: FlexureJoint, names: list[str], mirror: float, rest_rad: float) -> _Place:
-    """The chain of one flexure; where the link behind it begins."""
+def _add_flexure(
+    place: _Place, joint: FlexureJoint, names: list[str], mirror: float, rest_rad: float
+) -> tuple[ElementTree.Element, _Place]:
+    """The chain of one flexure; the body that it begins on and where it ends, both without its rest angle's half."""
     piece_m = joint.length_m / len(names)
     stiffness_Nm_per_rad = joint.bending_stiffness_Nm2 / piece_m
-    body = _body(_Place(place.body, place.along_m, place.angle_rad + rest_rad / 2), f"{names[0]}_root")
-    _add_piece_inertia(body)
+    root = _body(_Place(place.body, place.along_m, place.angle_rad + rest_rad / 2), f"{names[0]}_root")
+    _add_piece_inertia(root)
+    body = root
     for index, name in enumerate(names):
-        body = _body(_Place(body, (piece_m if index else piece_m / 2, 0.0, 0.0), 0.0), name)
+        body = _body(_Place(body, (piece_m if index else piece_m / 2, 0.0, 0.0)), name)
         _add_hinge(body, name, mirror, stiffness_Nm_per_rad, JOINT_DAMPING_NMS_PER_RAD * len(names), None, {})
         _add_piece_inertia(body)
-    return _Place(body, (piece_m / 2, 0.0, 0.0), rest_rad / 2)
+    return root, _Place(body, (piece_m / 2, 0.0, 0.0))
+
+
+def _add_guides(
+    before: _Place, before_m: float, after: _Place, after_m: float, offset_m: float, names: tuple[str, str]
+) -> None:
+    """Sites `before_m` and `after_m` along x and `offset_m` along y of two places."""
+    for place, along_m, name in ((before, before_m, names[0]), (after, after_m, names[1])):
+        reach = complex(along_m, offset_m) * exp(1j * place.angle_rad)
+        x_m, y_m, z_m = place.along_m
+        ElementTree.SubElement(place.body, "site", name=name, pos=text((x_m + reach.real, y_m + reach.imag, z_m)))
 
 
 def _body(place: _Place, name: str) -> ElementTree.Element:
@@ -165,16 +198,14 @@ def _add_piece_inertia(body: ElementTree.Element) -> None:
 
 
 def _add_tip(link: ElementTree.Element, finger: Finger, side: str) -> None:
-    radius_m = finger.tip.radius_m
+    radius_m, pad_m = finger.tip.radius_m, finger.tip.pad_length_m
     if radius_m <= 0.0:
         raise MechanicsError(
             f"finger.{side}.tip.radius_m", "a point tip cannot be simulated.", help="Give it 1 mm or more."
         )
-    ElementTree.SubElement(
-        link,
-        "geom",
-        name=f"tip_{side}",
-        type="sphere",
-        size=repr(radius_m),
-        pos=text((finger.distal_link_m - radius_m, 0.0, 0.0)),
-    )
+    centre_m = finger.distal_link_m - radius_m
+    shape = {"type": "sphere", "size": repr(radius_m), "pos": text((centre_m, 0.0, 0.0))}
+    if pad_m > 0.0:  # the pad is tangent to the arc: the side of a capsule along the link that ends in the arc
+        shape = {"type": "capsule", "size": repr(radius_m), "fromto": text((centre_m - pad_m, 0, 0, centre_m, 0, 0))}
+    ElementTree.SubElement(link, "geom", shape, name=f"tip_{side}")
+    ElementTree.SubElement(link, "site", name=f"tip_{side}", pos=text((centre_m, 0.0, 0.0)))

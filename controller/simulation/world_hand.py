@@ -1,33 +1,29 @@
-"""The hand as bodies of the simulated world: palm, two fingers (`world_finger.py`), two tendons, two motor spools.
+"""The hand as bodies of the simulated world: palm, fingers (`world_finger.py`), tendons (`world_tendon.py`) and motor
+spools, two of each.
 
-Frame: hand frame H (x right, y out of the palm, z = x × y along the pins, origin midway between the roots). Joint
-coordinates are flexion from rest, positive = closing; order right, left. Arms: hand-mechanics reference 4.
-
-A tendon is a MuJoCo fixed tendon whose length is its stretch, spool radius × spool angle less the arms × flexions:
-constant arms, as in the reference, and no force when that is negative. A tendon without elasticity is the unilateral
-constraint stretch ≤ 0; one with elasticity is a spring that only pulls.
+Frame: hand frame H (x right, y out of the palm, z = x × y along the pins, origin midway between the roots). Order
+right, left.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from math import isinf
 
-from calibration.hand.parameters import SIDES, Finger, Hand
+from calibration.hand.parameters import SIDES, Hand
 from controller.simulation.world_arm import text
-from controller.simulation.world_finger import PARTS, add_finger, hinge_names
-from drivers.errors import MechanicsError
+from controller.simulation.world_finger import add_finger
+from controller.simulation.world_tendon import add_tendon
 
 SPOOL_INERTIA_KGM2 = 0.01
 """Motor rotor through the 353:1 gear [assumed]: with the motor's resistance and constant a time constant of 12 ms."""
 SPOOL_VISCOUS_NMS_PER_RAD = 0.005
 _PRESCRIBED_SPOOL_INERTIA_KGM2 = 1e6  # no tendon can change the speed of such a spool
-_SLACK_M = 1.0  # as good as unbounded: no tendon travels that far
 
 
 def add_hand(
     parent: ElementTree.Element,
     tendons: ElementTree.Element,
+    equalities: ElementTree.Element,
     hand: Hand,
     *,
     pose: tuple[str, str],
@@ -36,10 +32,11 @@ def add_hand(
     hard: dict[str, str],
     prescribed_spools: bool,
 ) -> None:
-    """Append the hand to `parent` at `pose` (position and quaternion as MJCF writes them), its tendons to `tendons`.
+    """Append the hand to `parent` at `pose` (position and quaternion as MJCF writes them), its tendons to `tendons`
+    and what couples them to `equalities`.
 
-    `hard` are the constraint attributes of hard stops and tendons. Names: body `hand`, joint `spool_right`, tendon
-    `tendon_right`, the same for left, and those of `world_finger.py`. Raises MechanicsError for a hand that cannot be
+    `hard` are the constraint attributes of hard stops and tendons. Names: body `hand`, joint `spool_right`, the
+    same for left, and those of `world_finger.py` and `world_tendon.py`. Raises MechanicsError for a hand that cannot be
     simulated.
     """
     position, quaternion = pose
@@ -54,7 +51,7 @@ def add_hand(
     for side, finger in zip(SIDES, hand.fingers, strict=True):
         add_finger(palm, tendons, finger, side, hand.root_half_distance_m, hard)
         _add_spool(palm, side, gear_friction_Nm, prescribed_spools)
-        _add_tendon(tendons, finger, side, spool_radius_m, hard)
+        add_tendon(palm, tendons, equalities, finger, side, spool_radius_m, hard)
 
 
 def _add_spool(palm: ElementTree.Element, side: str, friction_Nm: float, prescribed: bool) -> None:
@@ -71,25 +68,3 @@ def _add_spool(palm: ElementTree.Element, side: str, friction_Nm: float, prescri
         frictionloss=repr(0.0 if prescribed else friction_Nm),
     )
     ElementTree.SubElement(body, "inertial", pos="0 0 0", mass="1e-9", diaginertia="1e-12 1e-12 1e-12")
-
-
-def _add_tendon(
-    tendons: ElementTree.Element, finger: Finger, side: str, spool_radius_m: float, hard: dict[str, str]
-) -> None:
-    if finger.routing_friction != 0.0:
-        raise MechanicsError(f"finger.{side}.routing_friction", "cannot be simulated yet; expected 0.")
-    stiffness_N_per_m = finger.tendon_stiffness_N_per_m
-    if isinf(stiffness_N_per_m):
-        action = {
-            "limited": "true",
-            "range": text((-_SLACK_M, 0.0)),
-            "solreflimit": hard["solref"],
-            "solimplimit": hard["solimp"],
-        }
-    else:
-        action = {"stiffness": repr(stiffness_N_per_m), "springlength": text((-_SLACK_M, 0.0))}
-    tendon = ElementTree.SubElement(tendons, "fixed", action, name=f"tendon_{side}")
-    for part, joint, arm_m in zip(PARTS, finger.joints, finger.tendon_arm_m, strict=True):
-        for name in hinge_names(joint, part, side):
-            ElementTree.SubElement(tendon, "joint", joint=name, coef=repr(-arm_m))
-    ElementTree.SubElement(tendon, "joint", joint=f"spool_{side}", coef=repr(spool_radius_m))

@@ -20,6 +20,7 @@ from controller.simulation.world_arm import ArmImperfections, add_arm, text
 from controller.simulation.world_finger import PARTS, hinge_names
 from controller.simulation.world_hand import add_hand
 from controller.simulation.world_object import ObjectSetting, add_object
+from controller.simulation.world_tendon import tendon_rest_m
 from drivers.errors import InputError
 from drivers.wam.parameters import JOINTS, WamParameters
 
@@ -67,8 +68,14 @@ class WorldModel:
     """Hinges of each finger's proximal and distal joint; a joint's flexion is the sum over its hinges."""
     spool: NDArray[np.intp] = field(repr=False)
     tendon: NDArray[np.intp] = field(repr=False)
+    spool_radius_m: float
+    tendon_feed: tuple[int | None, int | None]
+    """Of a tendon that a reel draws: the tendon that couples the reel, whose length is how far it lags."""
+    tendon_rest_m: NDArray[np.float64] = field(repr=False)
+    """Length of each tendon when the hand rests, (2,)."""
     tip_geom: NDArray[np.intp] = field(repr=False)
-    distal_body: NDArray[np.intp] = field(repr=False)
+    tip_site: NDArray[np.intp] = field(repr=False)
+    """Centres of the fingertip arcs."""
     wrist_body: int
     hand_body: int
     object_body: int
@@ -117,6 +124,7 @@ def build_world_model(
     asset = ElementTree.SubElement(root, "asset")
     worldbody = ElementTree.SubElement(root, "worldbody")
     tendons = ElementTree.SubElement(root, "tendon")
+    equalities = ElementTree.SubElement(root, "equality")
     contact = ElementTree.SubElement(root, "contact")
 
     position, quaternion = mjcf_pose("T_world_base", placement.T_world_base)
@@ -130,6 +138,7 @@ def build_world_model(
     add_hand(
         tool,
         tendons,
+        equalities,
         hand,
         pose=mjcf_pose("T_wrist_hand", placement.T_wrist_hand),
         spool_radius_m=spool_radius_m,
@@ -139,7 +148,8 @@ def build_world_model(
     )
     place = mjcf_pose("T_world_object", placement.T_world_object)
     add_object(worldbody, asset, contact, setting, placement.T_world_object, place, touch)
-    return _indexed(mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode")), hand)
+    model = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
+    return _indexed(model, hand, spool_radius_m)
 
 
 def mjcf_pose(name: str, pose: NDArray[np.float64]) -> tuple[str, str]:
@@ -154,12 +164,16 @@ def mjcf_pose(name: str, pose: NDArray[np.float64]) -> tuple[str, str]:
     return text(pose[:3, 3]), text(quaternion)
 
 
-def _indexed(model: mujoco.MjModel, hand: Hand) -> WorldModel:
+def _indexed(model: mujoco.MjModel, hand: Hand, spool_radius_m: float) -> WorldModel:
     def named(kind: mujoco.mjtObj, name: str) -> int:
         return int(mujoco.mj_name2id(model, kind, name))
 
     def degree_of_freedom(name: str) -> int:
         return int(model.jnt_dofadr[named(mujoco.mjtObj.mjOBJ_JOINT, name)])
+
+    def feed(side: str) -> int | None:
+        tendon = named(mujoco.mjtObj.mjOBJ_TENDON, f"feed_{side}")
+        return tendon if tendon >= 0 else None
 
     def hinges(finger: Finger, side: str, part: int) -> NDArray[np.intp]:
         return np.array([degree_of_freedom(name) for name in hinge_names(finger.joints[part], PARTS[part], side)])
@@ -168,15 +182,18 @@ def _indexed(model: mujoco.MjModel, hand: Hand) -> WorldModel:
         (hinges(finger, side, 0), hinges(finger, side, 1)) for finger, side in zip(hand.fingers, SIDES, strict=True)
     ]
     arm = slice(0, JOINTS if named(mujoco.mjtObj.mjOBJ_JOINT, "arm_1") >= 0 else 0)
-    # Every joint before the object's free joint is a hinge, so positions and velocities share their indices.
+    # Every joint before the object's free joint has one coordinate, so positions and velocities share their indices.
     return WorldModel(
         model=model,
         arm=arm,
         finger=(fingers[0], fingers[1]),
         spool=np.array([degree_of_freedom(f"spool_{side}") for side in SIDES]),
         tendon=np.array([named(mujoco.mjtObj.mjOBJ_TENDON, f"tendon_{side}") for side in SIDES]),
+        spool_radius_m=spool_radius_m,
+        tendon_feed=(feed("right"), feed("left")),
+        tendon_rest_m=np.array([tendon_rest_m(finger) for finger in hand.fingers]),
+        tip_site=np.array([named(mujoco.mjtObj.mjOBJ_SITE, f"tip_{side}") for side in SIDES]),
         tip_geom=np.array([named(mujoco.mjtObj.mjOBJ_GEOM, f"tip_{side}") for side in SIDES]),
-        distal_body=np.array([named(mujoco.mjtObj.mjOBJ_BODY, f"distal_{side}") for side in SIDES]),
         wrist_body=named(mujoco.mjtObj.mjOBJ_BODY, "tool"),
         hand_body=named(mujoco.mjtObj.mjOBJ_BODY, "hand"),
         object_body=named(mujoco.mjtObj.mjOBJ_BODY, "object"),

@@ -46,6 +46,8 @@ class ObjectSetting:
     outline_angle_rad: float
     weightless: bool
     tip_friction: tuple[float, float]
+    padded: bool
+    """Whether a fingertip has a flat pad."""
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.outline_angle_rad):
@@ -93,7 +95,9 @@ def add_object(
     )
     half = setting.outline_angle_rad / 2
     turned = text((np.cos(half), 0.0, 0.0, np.sin(half)))
-    ElementTree.SubElement(body, "geom", _geometry(grasped, height_m, asset), name="object", quat=turned)
+    ElementTree.SubElement(
+        body, "geom", _geometry(grasped, height_m, setting.padded, asset), name="object", quat=turned
+    )
     for side, tip_friction in zip(SIDES, setting.tip_friction, strict=True):
         torsion_m = tip_friction * FINGER_WIDTH_M / 4
         friction = text((tip_friction, tip_friction, torsion_m, 1e-6, 1e-6))
@@ -127,10 +131,12 @@ def _outline_m(shape: Shape) -> NDArray[np.float64]:
     return shape.outline_m(OUTLINE_POINTS)
 
 
-def _geometry(grasped: GraspObject, height_m: float, asset: ElementTree.Element) -> dict[str, str]:
+def _geometry(grasped: GraspObject, height_m: float, padded: bool, asset: ElementTree.Element) -> dict[str, str]:
     shape = grasped.shape
     if isinstance(shape, Disc | Sphere):
-        return {"type": "cylinder", "size": text((shape.diameter_m / 2, height_m / 2))}
+        # Next to a capsule the cylinder is one, too: a closed form. Its round ends touch nothing.
+        kind = "capsule" if padded else "cylinder"
+        return {"type": kind, "size": text((shape.radius_m, height_m / 2))}
     if isinstance(shape, Rectangle):
         return {"type": "box", "size": text((shape.width_m / 2, shape.depth_m / 2, height_m / 2))}
     prism = [text((x, y, z)) for z in (-height_m / 2, height_m / 2) for x, y in _outline_m(shape)]

@@ -8,7 +8,16 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_bvp
 
-from calibration.hand.parameters import FlexureJoint, Hand, PinJoint, Tip, load_hand
+from calibration.hand.parameters import (
+    ConstantTendon,
+    FlexureJoint,
+    Hand,
+    PinJoint,
+    StraightTendonAtFlexure,
+    StraightTendonAtPin,
+    Tip,
+    load_hand,
+)
 from calibration.objects.parameters import load_object
 from controller.simulation.truth import WorldObserver, WorldTruth
 from controller.simulation.world import World
@@ -144,7 +153,67 @@ def test_stops_act_on_the_end_angle() -> None:
     assert truth.tendon_tension_N == pytest.approx(BENDING_NM2[1] / LENGTH_M * winding_m / 0.008**2, rel=1e-3)
 
 
+def test_straight_tendon_past_a_pin_has_the_arm_of_its_chord() -> None:
+    """Guides 5 mm before and 6 mm behind a pin: excursion, and tension against the spring, by plane geometry
+    (hand-mechanics reference 4). One finger has it at both joints, the other at the distal joint alone."""
+    offset_m, before_m, after_m = 0.008, 0.005, 0.006
+    run = StraightTendonAtPin(before_m=before_m, after_m=after_m)
+    stiffness = (0.05, 0.04)
+
+    def pin(index: int, straight: bool) -> PinJoint:
+        tendon = run if straight else ConstantTendon()
+        return PinJoint(stiffness_Nm_per_rad=stiffness[index], flexion_limit_deg=(0.0, 60.0), tendon=tendon)
+
+    hand = flexure_hand(proximal_joint=pin(0, True), distal_joint=pin(1, True))
+    left = msgspec.structs.replace(hand.left, proximal_joint=pin(0, False))
+    hand = msgspec.structs.replace(hand, left=left)
+    truth = wound(hand, (1.0, 1.0))
+
+    def chord_m(flexion_rad: float) -> float:
+        return float(abs(complex(-before_m, offset_m) - np.exp(1j * flexion_rad) * complex(after_m, offset_m)))
+
+    for flexion_rad, tension_N, excursion_m, straight_proximal in zip(
+        truth.finger_joint_rad, truth.tendon_tension_N, truth.tendon_excursion_m, (True, False), strict=True
+    ):
+        expected_m = 0.0
+        for index, straight in enumerate((straight_proximal, True)):
+            q, step = float(flexion_rad[index]), 1e-6
+            arm_m = (chord_m(q - step) - chord_m(q + step)) / (2 * step) if straight else offset_m
+            assert tension_N * arm_m == pytest.approx(stiffness[index] * q, rel=1e-3)
+            expected_m += chord_m(0.0) - chord_m(q) if straight else offset_m * q
+        assert excursion_m == pytest.approx(expected_m, abs=1e-8)
+        assert excursion_m == pytest.approx(SPOOL_RADIUS_M, abs=2e-5)
+
+
+@pytest.mark.parametrize("stiffness_N_per_m", [np.inf, 4e4])
+def test_straight_tendon_beside_a_flexure_shortens_with_its_chord(stiffness_N_per_m: float) -> None:
+    """Guides at a flexure's ends: it bends unevenly, nearly to a circle, whose chord gives the excursion; virtual work
+    gives the tension (hand-mechanics reference 4)."""
+    straight = msgspec.structs.replace(
+        flexure(BENDING_NM2[1]), tendon=StraightTendonAtFlexure(), flexion_limit_deg=(0.0, 60.0)
+    )
+    held = PinJoint(stiffness_Nm_per_rad=100.0, flexion_limit_deg=(0.0, 1.0))
+    hand = flexure_hand(proximal_joint=held, distal_joint=straight, tendon_stiffness_N_per_m=stiffness_N_per_m)
+    spools_rad = (0.5, 0.6)
+    truth = wound(hand, spools_rad)
+    offset_m = hand.right.tendon_arm_m[1]
+    for flexion_rad, tension_N, excursion_m, spool_rad in zip(
+        truth.finger_joint_rad[:, 1], truth.tendon_tension_N, truth.tendon_excursion_m, spools_rad, strict=True
+    ):
+        assert flexion_rad > 0.5
+        radius_m, half_rad = LENGTH_M / flexion_rad, flexion_rad / 2
+        taken_up_m = LENGTH_M - 2 * (radius_m - offset_m) * np.sin(half_rad)
+        arm_m = (
+            offset_m * np.cos(half_rad) + 2 * radius_m / flexion_rad * np.sin(half_rad) - radius_m * np.cos(half_rad)
+        )
+        assert excursion_m == pytest.approx(taken_up_m, rel=5e-3)
+        assert tension_N * arm_m == pytest.approx(BENDING_NM2[1] / LENGTH_M * flexion_rad, rel=1e-2)
+        assert spool_rad * SPOOL_RADIUS_M - excursion_m == pytest.approx(tension_N / stiffness_N_per_m, abs=1e-5)
+
+
 def test_bad_fingers_are_refused() -> None:
     """What the physics cannot show is said before it starts."""
     with pytest.raises(MechanicsError, match="point tip"):
         make_world(flexure_hand(tip=Tip(radius_m=0.0)))
+    with pytest.raises(MechanicsError, match="routing_friction"):
+        make_world(flexure_hand(routing_friction=0.1))
