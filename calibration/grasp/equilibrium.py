@@ -115,7 +115,7 @@ def grasp_system(
     )
     cap_N = hand.load_cap_N if grasp.load_cap_N is None else min(hand.load_cap_N, grasp.load_cap_N)
     winding = (grasp.branch if branch is None else branch) == "winding"
-    return GraspSystem(fingers, (right, left), start, cap_N, math.copysign(1.0, winding - 0.5))
+    return GraspSystem(fingers, (right, left), start, grasped, cap_N, math.copysign(1.0, winding - 0.5))
 
 
 def excursion_drive(system: GraspEquations) -> Drive:

@@ -25,6 +25,7 @@ from calibration.grasp.contact import ConstraintJet, RollingContact
 from calibration.grasp.preposition import FirstContact
 from calibration.hand.finger import FingerModel, Reals
 from calibration.hand.tendon import TendonJet
+from calibration.objects import GraspObject
 
 LENGTH_M = 0.030
 
@@ -53,6 +54,7 @@ class GraspEquations:
     fingers: tuple[FingerModel, FingerModel]
     contacts: tuple[RollingContact, RollingContact]
     start: FirstContact
+    object: GraspObject
     load_cap_N: float
     friction_direction: float = 1.0
     """1 while the tendons wind in, −1 while they are let out; between them the routing friction fades"""
