@@ -1,4 +1,6 @@
-"""The arm's numbers: home, limits, motor constants and friction, read from `wam7.toml`.
+"""The arm's numbers: home, limits, motor constants and friction, read from `wam7.toml` and the arm's own file.
+
+The own file holds what was measured on one arm, any of the same keys; it is laid over the packaged file.
 
 All arrays have seven elements in joint order (base to tool), or motor order where the name says motor, and are
 read-only. SI units, joint angles in the DH convention of the WAM reference 6.1; sources beside the values in the file.
@@ -6,14 +8,15 @@ read-only. SI units, joint angles in the DH convention of the WAM reference 6.1;
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import ConfigurationError
+from drivers.wam.own_file import read_flat_toml
 
 JOINTS = 7
 _BUILT_IN = Path(__file__).with_name("wam7.toml")
@@ -25,7 +28,13 @@ class WamParameters:
 
     name: str
     home_rad: NDArray[np.float64]
-    """Pose in which the arm is zeroed."""
+    """Pose in which the arm is zeroed; it may lie outside the joint limits."""
+    zero_angle_rad: NDArray[np.float64]
+    """Motor angles that the absolute encoders of motors 1 to 7 show with all joints at 0; outside [0, 2π]: unused."""
+    safety_velocity_m_s: float
+    """Fault limit of the elbow's speed that the safety puck watches."""
+    safety_motor_torque_Nm: float
+    """Fault limit of the commanded torque of motors 1 to 4 that the safety puck watches."""
     joint_lower_rad: NDArray[np.float64]
     joint_upper_rad: NDArray[np.float64]
     joint_velocity_limit_rad_s: NDArray[np.float64]
@@ -41,33 +50,52 @@ class WamParameters:
     viscous_friction_Nms_per_rad: NDArray[np.float64]
 
 
-_ANY_SIGN = frozenset({"home_rad", "joint_lower_rad", "joint_upper_rad"})
+_ANY_SIGN = frozenset({"home_rad", "zero_angle_rad", "joint_lower_rad", "joint_upper_rad"})
+_HIGHEST = {"safety_velocity_m_s": 7.0, "safety_motor_torque_Nm": 3.0}
+"""Single numbers: above these the safety puck would never fault (WAM reference 3.2)."""
 
 
-def load_wam_parameters(path: Path | None = None) -> WamParameters:
-    """Read a parameter file; without `path` the packaged `wam7.toml`.
+def load_wam_parameters(path: Path | None = None, *, own: Path | None = None) -> WamParameters:
+    """Read a parameter file; without `path` the packaged `wam7.toml`. Keys of the arm's `own` file are laid over it.
 
     Raises ConfigurationError, naming file, key, value and what is accepted.
     """
-    file = _BUILT_IN if path is None else path
-    try:
-        with file.open("rb") as stream:
-            content = tomllib.load(stream)
-    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigurationError(file, "file", str(error), "a readable TOML file") from error
+    base = _BUILT_IN if path is None else path
     known = {field.name for field in fields(WamParameters)}
-    for key in content.keys() - known:
-        raise ConfigurationError(file, key, content[key], f"only the keys {', '.join(sorted(known))}")
+    origin: dict[str, Path] = {}
+    content: dict[str, object] = {}
+    for file in (base, own):
+        if file is not None:
+            document = read_flat_toml(file)
+            for key in document.keys() - known:
+                raise ConfigurationError(file, key, document[key], f"only the keys {', '.join(sorted(known))}")
+            content |= document
+            origin |= dict.fromkeys(document, file)
     for key in known - content.keys():
-        raise ConfigurationError(file, key, None, "a value: the key is missing")
-    name = content.pop("name")
-    if not isinstance(name, str):
-        raise ConfigurationError(file, "name", name, "a string")
-    parameters = WamParameters(name=name, **{key: _seven(file, key, content[key]) for key in content})
+        raise ConfigurationError(base, key, None, "a value: the key is missing")
+    values: dict[str, Any] = {}
+    for key, value in content.items():
+        if key == "name":
+            if not isinstance(value, str):
+                raise ConfigurationError(origin[key], key, value, "a string")
+            values[key] = value
+        elif key in _HIGHEST:
+            values[key] = _number(origin[key], key, value)
+        else:
+            values[key] = _seven(origin[key], key, value)
+    parameters = WamParameters(**values)
     if np.any(parameters.joint_lower_rad >= parameters.joint_upper_rad):
         accepted = "each lower limit below its upper limit"
-        raise ConfigurationError(file, "joint_lower_rad", content["joint_lower_rad"], accepted)
+        raise ConfigurationError(origin["joint_lower_rad"], "joint_lower_rad", content["joint_lower_rad"], accepted)
     return parameters
+
+
+def _number(file: Path, key: str, value: object) -> float:
+    """Check a single number."""
+    highest = _HIGHEST[key]
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= highest:
+        raise ConfigurationError(file, key, value, f"a number above 0 and at most {highest:g}")
+    return float(value)
 
 
 def _seven(file: Path, key: str, value: object) -> NDArray[np.float64]:

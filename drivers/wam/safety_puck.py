@@ -12,8 +12,16 @@ from math import isfinite
 
 from drivers.clock import Clock, nanoseconds
 from drivers.errors import BusError, InputError, NoReplyError, ProtocolError
-from drivers.wam.bus import CanBus, ask_property
-from drivers.wam.frames import GROUP_LOWER_TORQUE, GROUP_UPPER_TORQUE, SAFETY_NODE, set_property, torque_frame
+from drivers.wam.bus import CanBus
+from drivers.wam.dialogue import ATTEMPTS, REPLY_TIMEOUT_S, STATUS_ID, Dialogue
+from drivers.wam.frames import (
+    GROUP_LOWER_TORQUE,
+    GROUP_POSITION,
+    GROUP_UPPER_TORQUE,
+    SAFETY_NODE,
+    set_property,
+    torque_frame,
+)
 from drivers.wam.properties import (
     IDLE_REQUEST_FIRMWARE,
     SAFETY_ACTIVE,
@@ -22,9 +30,10 @@ from drivers.wam.properties import (
     property_id,
 )
 
-REPLY_TIMEOUT_NS = nanoseconds(0.05)
-CONFIGURATION_PAUSE_NS = nanoseconds(0.01)
+CONFIGURATION_PAUSE_S = 0.01
 """Between two settings: the safety puck loses them when they come faster (WAM reference 2.2)."""
+_HEARD_GROUPS = {GROUP_LOWER_TORQUE, GROUP_UPPER_TORQUE, GROUP_POSITION}
+_LIMITS = ("VL1", "VL2", "TL1", "TL2")
 _WARNING_SHARE = 0.9
 _VELOCITY_UNIT = 4096  # a metre per second, Q4.12
 _TORQUE_UNIT = 2700  # a N·m of motor torque, motors 1 to 4
@@ -106,28 +115,41 @@ class SafetyPuck:
     def __init__(self, bus: CanBus, clock: Clock, firmware: int = IDLE_REQUEST_FIRMWARE) -> None:
         self._bus = bus
         self._clock = clock
+        self._dialogue = Dialogue(bus, clock)
         self.firmware = firmware
 
-    def get(self, name: str) -> int:
-        """Value of a property; NoReplyError after 50 ms."""
-        number = property_id(name, self.firmware, "safety")
-        value = ask_property(self._bus, SAFETY_NODE, number, self._clock.now_ns() + REPLY_TIMEOUT_NS)
+    def get(self, name: str, *, attempts: int = ATTEMPTS) -> int:
+        """Value of a property; NoReplyError if every attempt stays without answer for 50 ms."""
+        value = self._dialogue.ask_or_none(SAFETY_NODE, self._number(name), attempts=attempts)
         if value is None:
             raise NoReplyError(
                 "safety puck",
-                f"no reply to {name} within 50 ms.",
+                f"no reply to {name} within {REPLY_TIMEOUT_S * 1e3:.0f} ms"
+                f"{f', asked {attempts} times' if attempts > 1 else ''}.",
                 help="Check that the arm's power supply is on and the CAN cable connected.",
             )
         return value
 
     def set(self, name: str, value: int) -> None:
-        """Write a property and keep quiet for 10 ms."""
-        self._bus.send(set_property(SAFETY_NODE, property_id(name, self.firmware, "safety"), value))
-        self._clock.sleep_until_ns(self._clock.now_ns() + CONFIGURATION_PAUSE_NS)
+        """Write a property, wait for a sign of life and then until 10 ms have passed. NoReplyError if there is none."""
+        quiet_ns = self._clock.now_ns() + nanoseconds(CONFIGURATION_PAUSE_S)
+        self._dialogue.tell(SAFETY_NODE, self._number(name), value)
+        self._dialogue.ask(SAFETY_NODE, STATUS_ID, "STAT")
+        self._clock.sleep_until_ns(quiet_ns)
 
-    def mode(self) -> ArmMode:
+    def mode(self, *, attempts: int = ATTEMPTS) -> ArmMode:
         """The arm's mode now. NoReplyError if the safety puck is silent."""
-        return arm_mode(self.get("MODE"))
+        return arm_mode(self.get("MODE", attempts=attempts))
+
+    def check_groups(self) -> None:
+        """It must hear torques and positions, or it watches over nothing. ProtocolError if it does not."""
+        groups = [self.get(name) for name in ("GRPA", "GRPB", "GRPC")]
+        if set(groups) != _HEARD_GROUPS:
+            raise ProtocolError(
+                "safety puck",
+                f"it listens to groups {groups}; expected {sorted(_HEARD_GROUPS)}, torques and positions.",
+                help="Write its GRPA, GRPB and GRPC with the vendor's btutil: 1, 2 and 3.",
+            )
 
     def request_idle(self) -> None:
         """Ask for idle and return at once; whether it came about, `mode` tells. InputError before firmware 197."""
@@ -137,22 +159,39 @@ class SafetyPuck:
                 f"expected {IDLE_REQUEST_FIRMWARE} or later.",
                 help="Press Shift-Idle on the pendant.",
             )
-        self._bus.send(set_property(SAFETY_NODE, property_id("MODE", self.firmware, "safety"), SAFETY_IDLE))
+        self._bus.send(set_property(SAFETY_NODE, self._number("MODE"), SAFETY_IDLE))
 
     def set_limits(self, velocity_m_s: float, motor_torque_Nm: float) -> None:
         """Set the fault limits of elbow speed and motor torque (motors 1 to 4), warnings at 0.9 of them.
 
-        They last until power-down. A zero velocity limit would switch the fault off and is refused.
+        They last until power-down. First the factory's are restored, as the vendor's library does; last, all are read
+        back, and one that differs is a ProtocolError. A zero velocity limit would switch the fault off and is refused
+        (InputError). The speed is that of the elbow and of a point 350 mm beyond it; until the arm is zeroed the same
+        number means rad/s of a joint.
         """
         for key, value, highest in (("velocity_m_s", velocity_m_s, 7.0), ("motor_torque_Nm", motor_torque_Nm, 3.0)):
             if not (isfinite(value) and 0.0 < value <= highest):
                 raise InputError(f"{key} = {value} is out of range; expected above 0 and at most {highest}.")
+        for name in _LIMITS:
+            self.set("DEF", self._number(name))
+            self.set("LOAD", self._number(name))
         velocity, torque = velocity_m_s * _VELOCITY_UNIT, motor_torque_Nm * _TORQUE_UNIT
         # Fault limits before warnings, in the order that the vendor's library keeps.
-        for name, limit in (("VL2", velocity), ("VL1", _WARNING_SHARE * velocity)):
-            self.set(name, int(limit))
-        for name, limit in (("TL2", torque), ("TL1", _WARNING_SHARE * torque)):
-            self.set(name, int(limit))
+        limits = {"VL2": int(velocity), "VL1": int(_WARNING_SHARE * velocity)}
+        limits |= {"TL2": int(torque), "TL1": int(_WARNING_SHARE * torque)}
+        for name, limit in limits.items():
+            self.set(name, limit)
+        for name, limit in limits.items():
+            found = self.get(name)
+            if found != limit:
+                raise ProtocolError(
+                    "safety puck",
+                    f"{name} reads {found} after {limit} was written.",
+                    help="Its limits cannot be relied on: start again, and if it stays so have the puck checked.",
+                )
+
+    def _number(self, name: str) -> int:
+        return property_id(name, self.firmware, "safety")
 
 
 class Guard:
@@ -161,10 +200,13 @@ class Guard:
     Until the pucks are idle they go on applying their last torque, so this acts first and reports afterwards.
     """
 
-    def __init__(self, bus: CanBus, clock: Clock, safety_firmware: int) -> None:
+    def __init__(self, bus: CanBus, clock: Clock, safety_firmware: int, motor_firmware: int | None = None) -> None:
+        """Without `motor_firmware` the motor pucks are taken to be of the safety puck's generation."""
         self._bus = bus
         self._clock = clock
         self._puck = SafetyPuck(bus, clock, safety_firmware)
+        generation = safety_firmware if motor_firmware is None else motor_firmware
+        self._torque_id = property_id("T", generation, "motor")
 
     def idle_arm(self) -> str:
         """Idle the arm and say what was done and whether it is confirmed. Never raises for a dead bus or puck."""
@@ -173,7 +215,7 @@ class Guard:
         for _ in range(3 if listens else 0):
             try:
                 self._puck.request_idle()
-                mode = self._puck.mode()
+                mode = self._puck.mode(attempts=1)
             except (BusError, NoReplyError, ProtocolError) as error:
                 done.append(f"idle asked for but not confirmed ({error.message})")
                 continue
@@ -184,10 +226,10 @@ class Guard:
 
     def _send_zero_torques(self, done: list[str]) -> str:
         try:
-            self._bus.send(torque_frame(GROUP_LOWER_TORQUE, (0, 0, 0, 0)))
-            self._bus.send(torque_frame(GROUP_UPPER_TORQUE, (0, 0, 0)))
+            self._bus.send(torque_frame(GROUP_LOWER_TORQUE, (0, 0, 0, 0), self._torque_id))
+            self._bus.send(torque_frame(GROUP_UPPER_TORQUE, (0, 0, 0), self._torque_id))
             done.append("zero torques sent to all motors")
-            mode = self._puck.mode()
+            mode = self._puck.mode(attempts=1)
         except (BusError, NoReplyError, ProtocolError) as error:
             done.append(f"the mode could not be read ({error.message})")
         else:

@@ -78,9 +78,9 @@ def test_start_keeps_the_positions_of_a_zeroed_arm() -> None:
     rig = Rig(joint_rad=np.array([0.3, -0.6, 0.9, 1.2, -1.5, 0.7, -0.4]))
     identity = rig.arm.start()
     assert not identity.zeroed_at_home
-    assert identity.motor_firmware == (200,) * 7
+    assert identity.motors.firmware == (200,) * 7
     assert identity.safety_firmware == 197
-    assert identity.units_per_Nm == (2700, 2700, 2700, 2700, 6500, 6500, 17474)
+    assert identity.motors.units_per_Nm == (2700, 2700, 2700, 2700, 6500, 6500, 17474)
     assert rig.arm.mode is ArmMode.IDLE
     # A motor count is at most 1.03e-4 rad of joint 7, and 1.6e-4 where two motors share a joint (reference 5.4).
     np.testing.assert_allclose(rig.cycle().joint_rad, rig.joint_rad, atol=2e-4)
@@ -104,7 +104,7 @@ def test_start_wakes_and_zeroes_an_arm_that_lost_its_positions() -> None:
         (lambda rig: rig.press("activate"), DeviceError, "Shift-Idle"),
         (lambda rig: rig.wam.silent_nodes.update({3, 5}), NoReplyError, r"\[3, 5\]"),
         (lambda rig: rig.wam.silent_nodes.add(10), NoReplyError, "safety puck"),
-        (lambda rig: rig.bus.send(set_property(6, 28, 5)), ProtocolError, "GRPC"),
+        (lambda rig: rig.bus.send(set_property(6, 28, 3)), ProtocolError, "GRPC"),
         (lambda rig: rig.bus.send(set_property(2, 70, 3)), ProtocolError, "PIDX"),
         (lambda rig: rig.bus.send(set_property(2, 86, 0)), ProtocolError, "IPNM"),
     ],
