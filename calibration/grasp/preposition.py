@@ -1,26 +1,34 @@
 """Where a grasp begins: free closing of both fingers until they touch the object.
 
-A grasp whose fingers touch at loads T(1 + δ) right and T(1 − δ) left has the onset split δ; δ = 0 is symmetric. The
-object stands with its centre on the line between the two tip centres, midway; its axes are those of the hand at that
-moment (θ = 0). Contact forces are still zero there, so it is an exact equilibrium to start from. Hand frame, SI.
-Source: hand-mechanics reference 4 and 6.
+The object stands so that the line between its two contact points passes `object_offset_m` towards the palm from its
+centroid, its outline turned by `object_angle_deg` from that line: the contact points are the ends of a chord of the
+outline, and its centroid is as near to the middle between them as the offset lets it be (Q_DC, paper eq. 1). Which
+load closes the hand to that chord is one equation, `placement.py`. Object axes are those of the hand at that moment
+(θ = 0). Contact forces are still zero there, so it is an exact equilibrium to start from. Hand frame, SI, finger order
+right, left. Source: hand-mechanics reference 4 and 6; paper II-A.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
 
+from calibration.grasp.contact import rolling_contact
+from calibration.grasp.free_closing import load_shares
+from calibration.grasp.placement import Placement, placed
 from calibration.grasp.specification import GraspSpec
-from calibration.hand.finger import FingerModel, Reals, finger_models
+from calibration.hand.finger import Complexes, Reals, finger_models
 from calibration.hand.parameters import Hand
 from calibration.objects import GraspObject
+from calibration.objects.chord import chord
+from calibration.objects.shapes import Round
 from drivers.errors import MechanicsError
 
-SAMPLED_LOADS = 400
-"""Loads at which the closing gap is sampled for the first contact: less than 1° of joint motion apart."""
+SIDES = ("right", "left")
+APPROACH = 1e-4
+"""Share of the load that a fingertip is followed back by, to see whether it comes from outside the object."""
 
 
 @dataclass(frozen=True)
@@ -33,57 +41,67 @@ class FirstContact:
     tendon_excursion_m: Reals
     """(2,) finger-side, zero at rest"""
     object_pose: Reals
-    """(x m, y m, θ rad) in the hand frame"""
+    """(x m, y m, θ rad) in the hand frame; θ = 0"""
     free_closing_stiffness_N_per_m: Reals
-    """(2,) load per excursion while closing freely"""
+    """(2,) load per excursion from rest to here"""
+    outline_angle_rad: float
+    """Turn of the outline in the object's axes"""
+    contact_points_m: Complexes
+    """(2,) x + i y"""
+    normals: Complexes
+    """(2,) unit normals from fingertip to object"""
+    contact_line_angle_rad: float
+    """Direction from the left to the right contact point"""
+    quality_m: float
+    """Q_DC: distance of the object's centroid from the middle between the contact points"""
 
 
 def first_contact(hand: Hand, grasped: GraspObject, grasp: GraspSpec) -> FirstContact:
     """Free closing to first contact. Errors: MechanicsError when the fingers cannot take the object so."""
-    fingers = finger_models(hand)
-    shares = (1.0 + grasp.onset_split, 1.0 - grasp.onset_split)
-    wanted_m = grasped.shape.extent_m(0.0) + fingers[0].tip_radius_m + fingers[1].tip_radius_m
-
-    def gap_m(load_N: float) -> float:
-        right, left = (_tip(finger, share * load_N) for finger, share in zip(fingers, shares, strict=True))
-        return abs(right - left) - wanted_m
-
+    fingers, shape = finger_models(hand), grasped.shape
+    shares = load_shares(grasp.onset_split)
+    turn_rad = math.radians(grasp.object_angle_deg)
+    ends = chord(shape, -turn_rad, -grasp.object_offset_m)
     cap_N = min(hand.load_cap_N, grasp.load_cap_N or hand.load_cap_N) / max(shares)
-    loads = np.linspace(0, cap_N, SAMPLED_LOADS + 1)
-    touching = np.flatnonzero(np.array([gap_m(load) for load in loads]) <= 0)
-    if touching.size == 0:
-        raise MechanicsError(
-            "object.shape",
-            f"the fingers close freely up to {cap_N:.1f} N mean load without touching a width of "
-            f"{grasped.shape.extent_m(0.0) * 1e3:.1f} mm.",
-            help="Take a wider object or a smaller onset split.",
-        )
-    if touching[0] == 0:
-        raise MechanicsError(
-            "object.shape",
-            f"a width of {grasped.shape.extent_m(0.0) * 1e3:.1f} mm does not fit between the open fingers.",
-            help="Take a narrower object.",
-        )
-    mean_N = float(brentq(gap_m, loads[touching[0] - 1], loads[touching[0]], xtol=1e-14, rtol=1e-15))
-    tension = mean_N * np.array(shares)
-    joints = [finger.free_closing(load) for finger, load in zip(fingers, tension, strict=True)]
-    for side, finger, q in zip(("right", "left"), fingers, joints, strict=True):
-        if np.any(q >= finger.upper_rad) or np.any(q <= finger.lower_rad):
+    place = placed(fingers, ends, grasp, cap_N, pads_roll=isinstance(shape, Round))
+
+    tension = place.load_N * np.array(shares)
+    excursion = np.array(
+        [finger.tendon.at(q[None]).value[0].sum() for finger, q in zip(fingers, place.joint_rad, strict=True)]
+    )
+    pose = np.array([place.centre_m.real, place.centre_m.imag, 0.0])
+    outline_rad = place.line_angle_rad + turn_rad
+    _refuse_palm(place, float((grasped.shape.outline_m(360) @ [math.sin(outline_rad), math.cos(outline_rad)]).min()))
+    points, normals = np.zeros(2, complex), np.zeros(2, complex)
+    for index, (finger, q) in enumerate(zip(fingers, place.joint_rad, strict=True)):
+        contact = rolling_contact(finger, shape, q, pose, outline_rad)
+        points[index] = contact.contact_point(q[None], pose[None])[0]
+        normals[index] = contact.normal(q[None], pose[None])[0]
+        earlier = finger.free_closing(tension[index] * (1 - APPROACH))
+        if not contact.at(earlier[None], pose[None]).value[0, 0] > 0:
             raise MechanicsError(
-                "onset_split" if grasp.onset_split else "object.shape",
-                f"the {side} finger meets a stop before it touches the object.",
-                help="Take a wider object or a smaller onset split.",
+                "object_offset_m" if grasp.object_offset_m else "object_angle_deg",
+                f"the {SIDES[index]} finger moves away from the object as it closes: it would come from inside.",
+                help="Shift or turn the object so that its sides face the fingertips.",
             )
-    right, left = (finger.tip.at(q[None, :]).value[0] for finger, q in zip(fingers, joints, strict=True))
-    centre = left + (grasped.shape.extent_m(0.0) / 2 + fingers[1].tip_radius_m) * (right - left) / abs(right - left)
     return FirstContact(
-        (joints[0], joints[1]),
+        place.joint_rad,
         tension,
-        np.array([finger.tendon_arm_m @ q for finger, q in zip(fingers, joints, strict=True)]),
-        np.array([centre.real, centre.imag, 0.0]),
-        np.array([finger.free_closing_stiffness_N_per_m for finger in fingers]),
+        excursion,
+        pose,
+        tension / excursion,
+        outline_rad,
+        points,
+        normals,
+        place.line_angle_rad,
+        abs(points.mean() - place.centre_m),
     )
 
 
-def _tip(finger: FingerModel, load_N: float) -> complex:
-    return complex(finger.tip.at(finger.free_closing(load_N)[None, :]).value[0])
+def _refuse_palm(place: Placement, lowest_m: float) -> None:
+    if place.centre_m.imag + lowest_m < 0:
+        raise MechanicsError(
+            "object.shape",
+            f"the object would reach {-(place.centre_m.imag + lowest_m) * 1e3:.1f} mm through the palm.",
+            help="Take a smaller object, turn it, or shift it away from the palm (object_offset_m > 0).",
+        )
