@@ -48,7 +48,7 @@ def solve(
         F = system.residual_vector(w[open_], terms, drive, target[open_], None if wrench is None else wrench[open_])
         K = system.matrix(w[open_], terms, drive)
         if stops:
-            _hold_stops(system, w, torque, active, open_, F, K)
+            hold_stops(system, w, torque, active, open_, F, K)
         residual[open_] = np.abs(F).max(1)
         moving = ~(residual[open_] < TOLERANCE) & np.isfinite(residual[open_])
         if stops:
@@ -94,7 +94,7 @@ def _solved_one(K: Reals, right: Reals) -> Reals:
         return np.full_like(right, np.nan)
 
 
-def _hold_stops(
+def hold_stops(
     system: GraspEquations, w: Reals, torque: Reals, active: Reals, open_: NDArray[np.intp], F: Reals, K: Reals
 ) -> None:
     """Decide what is at a stop, note its torque, and put z = stop into F and K."""
