@@ -70,7 +70,10 @@ class ArmFriction(_Table, frozen=True):
 
 
 class Arm(_Table, frozen=True):
-    """The WAM and its bus; `base` is T_world_base, pose of DH frame 0 in the world."""
+    """The WAM and its bus; `base` is T_world_base, pose of DH frame 0 in the world.
+
+    `own_file`: what `stillgrasp calibrate` measured on this arm, laid over the packaged parameters.
+    """
 
     interface: Literal["seqpacket", "socketcan"]
     channel: Text
@@ -78,6 +81,7 @@ class Arm(_Table, frozen=True):
     limits: ArmLimits
     gains: ArmGains
     friction: ArmFriction
+    own_file: Text | None = None
 
 
 class HandChoice(_Table, frozen=True):

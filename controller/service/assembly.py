@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from calibration.hand.parameters import Hand, load_hand
@@ -24,7 +26,7 @@ from drivers.dynamixel.load_law import LoadLaw
 from drivers.dynamixel.tendons import MotorSettings
 from drivers.wam.arm import Arm
 from drivers.wam.bus import CanBus
-from drivers.wam.parameters import load_wam_parameters
+from drivers.wam.parameters import WamParameters, load_wam_parameters
 
 INDEX_NAMES = {
     "excursion": CompensationIndex.EXCURSION,
@@ -38,9 +40,15 @@ def configured_hand(config: RobotConfig) -> Hand:
     return load_hand(config.hand.source, preset=config.hand.preset)
 
 
+def arm_parameters(config: RobotConfig) -> WamParameters:
+    """The arm's numbers, with what was measured on this one. ConfigurationError."""
+    own_file = config.arm.own_file
+    return load_wam_parameters(own=None if own_file is None else Path(own_file))
+
+
 def arm_model(config: RobotConfig, hand: Hand) -> ArmModel:
     """The arm as mounted, with the hand's body on it."""
-    parameters = load_wam_parameters()
+    parameters = arm_parameters(config)
     friction = config.arm.friction
     viscous = friction.viscous_Nms_per_rad or tuple(float(v) for v in parameters.viscous_friction_Nms_per_rad)
     body: RigidBody = hand.body
@@ -55,7 +63,7 @@ def arm_model(config: RobotConfig, hand: Hand) -> ArmModel:
 
 def cycle_parts(config: RobotConfig, bus: CanBus, clock: Clock) -> Parts:
     """Everything that runs in the cycle."""
-    parameters = load_wam_parameters()
+    parameters = arm_parameters(config)
     hand = configured_hand(config)
     model = arm_model(config, hand)
     period_s = config.cycle.period_s

@@ -14,7 +14,7 @@ from controller.config import RobotConfig
 from controller.cycle.cycle import Cycle, CycleLinks, Parts
 from controller.cycle.safety import SafetyLimits, SafetyMonitor
 from controller.messages import CommandKind, CycleCommand
-from controller.service.assembly import cycle_parts
+from controller.service.assembly import arm_parameters, cycle_parts
 from controller.service.assignment import Assignment
 from controller.service.beginning import find, wait_for_go
 from controller.service.lifeline import Lifeline, Word
@@ -32,7 +32,6 @@ from controller.service.stop_requests import StopRequests
 from drivers.clock import Clock, MonotonicClock, nanoseconds
 from drivers.wam.arm import Arm, ArmSample
 from drivers.wam.bus import PythonCanBus, open_can
-from drivers.wam.parameters import load_wam_parameters
 
 LONGEST_STOP_S = 5.0
 """A cycle that cannot come to rest, because its bus is dead, does not stay behind."""
@@ -120,7 +119,7 @@ def _parts(config: RobotConfig, bus: PythonCanBus, clock: Clock, simulated: bool
             silent_cycles=round(SIMULATED_PAUSE_S / config.cycle.period_s),
             residual_time_s=SIMULATED_PAUSE_S,
         )
-        parts.arm = SimulatedArm(bus, clock, load_wam_parameters())
+        parts.arm = SimulatedArm(bus, clock, arm_parameters(config))
         parts.safety = SafetyMonitor(limits, config.cycle.period_s)
     return parts
 

@@ -18,10 +18,9 @@ from calibration.motion_table import MotionTable
 from controller.config import RobotConfig
 from controller.messages import CommandKind
 from controller.service import commands as asked
-from controller.service.assembly import INDEX_NAMES
+from controller.service.assembly import INDEX_NAMES, arm_parameters
 from controller.service.table_shelf import TableShelf, excursion_at_load
 from drivers.errors import CommandError
-from drivers.wam.parameters import load_wam_parameters
 
 C = TypeVar("C", bound=asked.Command)
 
@@ -48,6 +47,7 @@ class Planner:
 
     def __init__(self, config: RobotConfig, shelf: TableShelf) -> None:
         self._config = config
+        self._arm = arm_parameters(config)
         self._shelf = shelf
         self.table: MotionTable | None = None
         self.table_name = ""
@@ -75,7 +75,7 @@ class Planner:
 
     def _move_joints(self, command: asked.ArmMoveJoints) -> Plan:
         limits = self._config.arm.limits
-        own = load_wam_parameters()
+        own = self._arm
         lower, upper = limits.lower_rad or own.joint_lower_rad, limits.upper_rad or own.joint_upper_rad
         for joint, (low, angle, high) in enumerate(zip(lower, command.joint_rad, upper, strict=True), start=1):
             if not low <= angle <= high:

@@ -63,9 +63,14 @@ class Homing:
             return Positions(self.read_positions(), None)
         if remembered and len(woken) < JOINTS:
             self._require_home(woken)
-        plan = self._plan()
+        plan = self.plan()
         announce(self._announcement(plan))
-        counts = self._zero(plan, remembered)
+        return self.zero(plan)
+
+    def zero(self, plan: ZeroingPlan) -> Positions:
+        """Carry out `plan`, whatever the pucks remember. Errors as of `restore`."""
+        self._ignore_velocity()
+        counts = self._write(plan)
         self._ignore_velocity()
         return Positions(counts, plan)
 
@@ -73,7 +78,8 @@ class Homing:
         """Keep the safety puck from taking motion before start-up, or the jump of zeroing, for a velocity fault."""
         self._safety.set("IFAULT", VELOCITY_SAMPLES_IGNORED)
 
-    def _plan(self) -> ZeroingPlan:
+    def plan(self) -> ZeroingPlan:
+        """How the arm would be zeroed where it stands. DeviceError if an absolute encoder doubts that it is home."""
         parameters, motors = self._parameters, self._motors
         mechanical = read_mechanical_counts(self._dialogue, motors)
         plan = plan_zeroing(parameters.home_rad, motors.counts_per_turn, parameters.zero_angle_rad, mechanical)
@@ -96,9 +102,8 @@ class Homing:
             "is not there, do not activate it: press E-stop, place it in home, release, press Shift+Idle, start again."
         )
 
-    def _zero(self, plan: ZeroingPlan, remembered: bool) -> tuple[int, ...]:
-        if remembered:
-            self._safety.set("ZERO", 0)  # the tip's speed means nothing while positions are exchanged
+    def _write(self, plan: ZeroingPlan) -> tuple[int, ...]:
+        self._safety.set("ZERO", 0)  # the tip's speed means nothing while positions are exchanged
         motors, wrong = self._motors, list(MOTOR_NODES)
         counts: tuple[int, ...] = ()
         for _ in range(2):

@@ -110,6 +110,11 @@ class StartUp:
         self._deadline_ns = 0
         self._notes: list[str] = []
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the operator should know so far."""
+        return tuple(self._notes)
+
     def run(self) -> ArmIdentity:
         """Bring the arm up and make its positions right, zeroing it at home if they were lost."""
         self.open_safety_puck()
@@ -124,7 +129,7 @@ class StartUp:
             zeroed_at_home=found.plan is not None,
             corrected=found.plan.corrected if found.plan is not None else (),
             first_counts=found.counts,
-            notes=tuple(self._notes),
+            notes=self.notes,
         )
 
     def open_safety_puck(self) -> None:
@@ -148,7 +153,7 @@ class StartUp:
 
     def await_idle(self) -> Survey:
         """Wait until the arm is idle and all its motor pucks answer; who is there then."""
-        self._await_mode()
+        self.require_idle()
         power_ns = min(self._clock.now_ns() + nanoseconds(POWER_UP_S), self._deadline_ns)
         told = False
         while True:
@@ -190,7 +195,8 @@ class StartUp:
         self._notes += motors.notes
         return motors
 
-    def _await_mode(self) -> None:
+    def require_idle(self) -> None:
+        """Wait until the safety puck says idle; DeviceError if it does not while `operator` lets it wait."""
         prompted: ArmMode | None = None
         while (mode := self._safety.mode()) is not ArmMode.IDLE:
             if self._clock.now_ns() >= self._deadline_ns:
