@@ -114,21 +114,9 @@ class FingerModel:
     @property
     def free_closing_stiffness_N_per_m(self) -> float:
         """Tendon load per excursion at rest, while winding and nothing is touched, N/m."""
-        return float(1.0 / (self.tendon_arm_m @ self.load_free_per_N))
-
-    @property
-    def tendon_arm_m(self) -> Reals:
-        """(n,) excursion per coordinate at rest, m/rad; everywhere, where the tendon is linear."""
-        rest = np.zeros((1, self.stiffness_Nm_per_rad.size))
-        arms: Reals = self.tendon.at(rest).gradient[0].sum(0)
-        return arms
-
-    @property
-    def load_free_per_N(self) -> Reals:
-        """(n,) coordinates per newton of tendon load at rest, while winding and nothing is touched, rad/N."""
-        rest = np.zeros((1, self.stiffness_Nm_per_rad.size))
-        slope: Reals = self.joint_tension_N(1.0) @ self.tendon.at(rest).gradient[0] / self.stiffness_Nm_per_rad
-        return slope
+        arms = self.tendon.at(np.zeros((1, self.stiffness_Nm_per_rad.size))).gradient[0]
+        slope = np.array(self.joint_tension_N(1.0)) @ arms / self.stiffness_Nm_per_rad
+        return float(1.0 / (arms.sum(0) @ slope))
 
 
 def finger_model(finger: Finger, root_half_distance_m: float, *, mirrored: bool) -> FingerModel:

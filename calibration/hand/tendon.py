@@ -10,6 +10,7 @@ reference 4.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -76,10 +77,14 @@ class StraightRun:
     def linear(self) -> bool:
         return False
 
+    @cached_property
+    def rest_m(self) -> float:
+        """Distance of the guides at rest, |w(0)|."""
+        return abs(complex(self.run.at(np.zeros((1, self.run.coordinates.shape[1]))).value[0]))
+
     def at(self, q: Reals) -> ExcursionJet:
         value, gradient, hessian = self._length(q)
-        rest = abs(complex(self.run.at(np.zeros((1, q.shape[1]))).value[0]))
-        return ExcursionJet(rest - value, -gradient, -hessian)
+        return ExcursionJet(self.rest_m - value, -gradient, -hessian)
 
     def third(self, q: Reals, u: Reals, v: Reals) -> Reals:
         # From |w|² = Re(w̄ w), differentiated three times on both sides.

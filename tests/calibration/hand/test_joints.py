@@ -114,13 +114,11 @@ def test_accuracy_is_what_the_reference_says(
         assert np.degrees(turned - angle) == pytest.approx(error_deg, rel=0.06, abs=0.0011), coordinates
 
 
-@given(
-    direction=st.floats(-np.pi, np.pi), size=st.floats(0, 6), m=st.floats(-1.2, 1.2), shear=st.sampled_from([0.0, 1.0])
-)
-def test_three_coordinates_follow_a_chain_of_400_links(direction: float, size: float, m: float, shear: float) -> None:
-    """≤ 10 µm and 0.06° for end angles up to 80°, for any load that pulls or presses no harder than 1.5 EI/L²."""
+@given(direction=st.floats(-np.pi, np.pi), size=st.floats(0, 6), m=st.floats(-1.2, 1.2))
+def test_three_coordinates_follow_a_chain_of_400_links(direction: float, size: float, m: float) -> None:
+    """≤ 10 µm and 0.06° for end angles up to 80°, for any load that presses no harder than 1.5 EI/L² along x."""
     force = size * np.exp(1j * direction)
-    load = (m, max(float(force.real), -1.5), shear * float(force.imag))
+    load = (m, max(float(force.real), -1.5), float(force.imag))
     end, angle = chain(load)
     if abs(angle) <= np.radians(80):
         found, turned = modelled(load, 3)
