@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 
-from drivers.simulated.wam import BUTTONS
+from drivers.simulated.safety_puck import BUTTONS
 
 _LONGEST_LINE_BYTES = 1000
 

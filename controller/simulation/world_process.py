@@ -25,12 +25,13 @@ from controller.simulation.scene import Devices, Scene, build_devices
 from controller.simulation.stepped_clock import SteppedClock
 from drivers.clock import nanoseconds
 from drivers.errors import InputError
+from drivers.simulated.safety_watch import SafetySettings
 from drivers.simulated.seqpacket_can import SeqpacketHub
 from drivers.simulated.serial_lines import PtyServer
 from drivers.simulated.wam import SimulatedWam
 from drivers.wam.parameters import load_wam_parameters
 
-HEARTBEAT_S = 0.5
+PATIENT = SafetySettings(heartbeat_s=0.5, velocity_samples=3)
 """The simulated safety puck's patience: shared machines stall, and an idle arm is no use to anybody."""
 LONGEST_END_S = 6.0
 _BELOW_CYCLE = 30
@@ -72,7 +73,7 @@ def simulated_devices(
     """The world of the configuration and scene, with devices patient enough for the machine's time."""
     chosen = {name: value for name, value in msgspec.structs.asdict(choice).items() if value is not None}
     devices = build_devices(config, configured_hand(config), Scene(**chosen, **scene), start_ns=start_ns)
-    wam = SimulatedWam(devices.world, load_wam_parameters(), booted=booted, zeroed=zeroed, heartbeat_s=HEARTBEAT_S)
+    wam = SimulatedWam(devices.world, load_wam_parameters(), booted=booted, zeroed=zeroed, safety=PATIENT)
     return replace(devices, wam=wam)
 
 

@@ -9,11 +9,16 @@ from hypothesis import strategies as st
 
 from drivers.clock import VirtualClock
 from drivers.errors import BusError
-from drivers.simulated.can_hub import CanWire, MemoryCanBus, MemoryCanHub, TimedFrame, frame_bits
+from drivers.simulated.can_hub import MemoryCanBus, MemoryCanHub
+from drivers.simulated.can_wire import CanWire, Frame, TimedFrame, frame_bits
 
 
 def _frame(identifier: int, data: str = "") -> can.Message:
     return can.Message(arbitration_id=identifier, is_extended_id=False, data=bytes.fromhex(data))
+
+
+def _length_ns(identifier: int) -> int:
+    return frame_bits(identifier, b"") * 1000
 
 
 class Echo:
@@ -23,9 +28,10 @@ class Echo:
         self.asked, self.answer, self.delay_ns = asked, answer, delay_ns
         self.heard: list[tuple[int, int]] = []
 
-    def receive(self, message: can.Message, now_ns: int) -> list[TimedFrame]:
-        self.heard.append((message.arbitration_id, now_ns))
-        return [(now_ns + self.delay_ns, _frame(self.answer))] if message.arbitration_id == self.asked else []
+    def receive(self, frame: Frame, now_ns: int) -> list[TimedFrame]:
+        if frame.identifier != self.answer:
+            self.heard.append((frame.identifier, now_ns))
+        return [(now_ns + self.delay_ns, Frame(self.answer, b""))] if frame.identifier == self.asked else []
 
     def tick(self, now_ns: int) -> list[TimedFrame]:
         return []
@@ -48,13 +54,13 @@ class Echo:
 )
 def test_frame_lengths_of_the_reference(identifier: int, data: str, bits: int) -> None:
     """Protects the wire times: 829 bit times for the reference's cycle, stuff bits and CRC included."""
-    assert frame_bits(_frame(identifier, data)) == bits
+    assert frame_bits(identifier, bytes.fromhex(data)) == bits
 
 
 @given(identifier=st.integers(0, 0x7FF), data=st.binary(max_size=8))
 def test_frame_length_is_within_the_standard_bounds(identifier: int, data: bytes) -> None:
     """Law: 47 + 8 n bits and at most a stuff bit for every four of the rest."""
-    bits = frame_bits(can.Message(arbitration_id=identifier, is_extended_id=False, data=data))
+    bits = frame_bits(identifier, data)
     assert 47 + 8 * len(data) <= bits <= 47 + 8 * len(data) + (33 + 8 * len(data)) // 4
 
 
@@ -62,9 +68,9 @@ def test_lowest_identifier_wins_among_those_that_wait() -> None:
     """Protects arbitration: a frame in progress finishes, then priority counts, not order of arrival."""
     wire = CanWire()
     for ready_ns, identifier in ((0, 0x7FF), (10, 0x423), (20, 0x401), (10_000_000, 0x001)):
-        wire.offer(ready_ns, _frame(identifier), None)
+        wire.offer(ready_ns, Frame(identifier, b""), None)
     frames = [wire.take() for _ in range(4)]
-    assert [frame.message.arbitration_id for frame in frames] == [0x7FF, 0x401, 0x423, 0x001]
+    assert [carried.frame.identifier for carried in frames] == [0x7FF, 0x401, 0x423, 0x001]
     assert frames[1].start_ns == frames[0].end_ns
     assert frames[3].start_ns == 10_000_000
 
@@ -76,9 +82,9 @@ def test_reply_arrives_when_the_wire_has_delivered_it() -> None:
     clock = VirtualClock(5_000)
     bus = MemoryCanBus(hub, clock)
     bus.send(_frame(0x005))
-    asked_ns = 5_000 + frame_bits(_frame(0x005)) * 1000
+    asked_ns = 5_000 + _length_ns(0x005)
     assert device.heard == [(0x005, asked_ns)]
-    arrival_ns = asked_ns + 1_000 + frame_bits(_frame(0x426)) * 1000
+    arrival_ns = asked_ns + 1_000 + _length_ns(0x426)
     assert bus.receive(arrival_ns - 1) is None
     assert clock.now_ns() == arrival_ns - 1
     message = bus.receive(arrival_ns + 50_000)
@@ -114,7 +120,7 @@ def test_urgent_frame_overtakes_replies_that_wait() -> None:
     bus.send(_frame(0x404))
     clock.advance_to_ns(100_000)
     bus.send(_frame(0x401))
-    assert device.heard[-1] == (0x401, 100_000 + frame_bits(_frame(0x401)) * 1000)
+    assert device.heard[-1] == (0x401, 100_000 + _length_ns(0x401))
 
 
 def test_what_is_no_standard_data_frame_is_refused() -> None:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from drivers.clock import VirtualClock
 from drivers.errors import BusError
-from drivers.simulated.can_hub import frame_bits
 from drivers.simulated.seqpacket_can import SeqpacketBus, SeqpacketHub
 from drivers.simulated.wam import SimulatedWam
 from drivers.wam.parameters import load_wam_parameters
@@ -174,9 +173,7 @@ def test_stale_socket_is_replaced_and_a_living_one_refused(tmp_path: Path) -> No
 
 def test_unsupported_frames_and_options_are_refused(hub: SeqpacketHub, tmp_path: Path) -> None:
     """Protects against a client that believes that an extended frame was sent."""
-    with _open(tmp_path / "can") as bus:
-        with pytest.raises(can.CanOperationError, match="standard data frames"):
-            bus.send(can.Message(arbitration_id=0x123456, is_extended_id=True))
-        assert frame_bits(_frame(0x123)) >= 47
+    with _open(tmp_path / "can") as bus, pytest.raises(can.CanOperationError, match="standard data frames"):
+        bus.send(can.Message(arbitration_id=0x123456, is_extended_id=True))
     with pytest.raises(can.CanInitializationError, match="own messages"):
         _open(tmp_path / "can", receive_own_messages=True)

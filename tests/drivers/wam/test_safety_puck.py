@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import can
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 from drivers.clock import VirtualClock
 from drivers.errors import BusError, InputError, NoReplyError, ProtocolError
 from drivers.simulated.can_hub import MemoryCanBus, MemoryCanHub
+from drivers.simulated.can_wire import Frame
 from drivers.simulated.wam import SimulatedWam
 from drivers.wam.frames import torque_frame
 from drivers.wam.parameters import load_wam_parameters
@@ -97,8 +97,7 @@ def test_guard_sends_zero_torques_where_idle_cannot_be_asked() -> None:
 def test_guard_is_not_fooled_by_old_replies() -> None:
     """Protects the confirmation: a MODE reply that waited on the silent socket does not count."""
     rig = Rig()
-    old = can.Message(arbitration_id=0x546, is_extended_id=False, data=bytes.fromhex("88000100"))
-    rig.bus.inbox.appendleft((0, old))
+    rig.bus.inbox.appendleft((0, Frame(0x546, bytes.fromhex("88000100"))))
     rig.wam.silent_nodes.add(10)
     said = Guard(rig.bus, rig.clock, 197).idle_arm()
     assert "NOT confirmed" in said
