@@ -33,7 +33,7 @@ SMALLEST_SHARE = 1e-4
 """A step shorter than this share of the largest has failed: there is no equilibrium ahead."""
 SLOW = 0.02
 """Where the load limits a step of winding to less than this share, the load leads instead."""
-PREDICTED = 0.02
+PREDICTED = 0.1
 """Largest scaled difference (rad, or 30 mm × that) of a solution from its tangent prediction."""
 LONGEST_WINDING_M = 0.06
 KINK = 3.0
@@ -345,7 +345,7 @@ class _Follower:
             found.append((share, name))
         if not found:
             return None
-        share, name = min(found)
+        share, name = min(found, key=lambda item: round(item[0], 6))  # right before left, where both end together
         return _between(self.rule, drive, before, after, share, held).w[0], name
 
 
