@@ -23,6 +23,9 @@ SIDES = ("right", "left")
 PHALANGES = ("proximal", "distal")
 ROUNDING_M = 1e-12
 ROUNDING_N = 1e-9
+ROUNDING_RAD = 1e-9
+SURFACE_M = 1e-9
+"""A contact or clearance is violated from here on."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,51 @@ def gaps(system: GraspSystem) -> list[Gap]:
             name = f"right {PHALANGES[first]} and left {PHALANGES[second]} phalanx collide"
             found.append(Gap(name, _between(system, (0, first), (1, second))))
     return found
+
+
+@dataclass(frozen=True)
+class RobotHandConstraints:
+    """All of (8)–(12) at one state, with numbers: margins are ≥ 0 where a constraint holds."""
+
+    cone_margin_N: tuple[float, float]
+    """(8): μ N − sqrt(f_o² + f_t²) at the right and the left contact"""
+    joint_margin_rad: dict[str, float]
+    """(9): distance from the nearer limit, by joint"""
+    surface_error_m: float
+    """(10): largest violation of contact and rolling"""
+    clearance_m: dict[str, float]
+    """(11) and (12): by what would meet"""
+
+    @property
+    def violated(self) -> list[str]:
+        """What does not hold, in words; empty if all does."""
+        found = [
+            f"{side} contact outside its friction cone"
+            for side, margin in zip(SIDES, self.cone_margin_N, strict=True)
+            if margin < -ROUNDING_N
+        ]
+        found += [
+            f"{name} joint beyond its limit" for name, gap in self.joint_margin_rad.items() if gap < -ROUNDING_RAD
+        ]
+        found += ["a contact has left the object's surface"] if self.surface_error_m > SURFACE_M else []
+        return found + [name for name, clearance_m in self.clearance_m.items() if clearance_m < -SURFACE_M]
+
+
+def robot_hand_constraints(
+    system: GraspSystem, w: Reals, contact_friction: float, out_of_plane_N: float = 0.0
+) -> RobotHandConstraints:
+    """Constraints (8)–(12) at a state `w` (size,); `out_of_plane_N` is f_o, the weight that each contact carries."""
+    state = w[None]
+    forces = system.contact_rows() @ w
+    margins = contact_friction * forces[::2] - np.hypot(forces[1::2], out_of_plane_N)
+    names = [f"{side} {phalanx}" for side in SIDES for phalanx in PHALANGES]
+    limits = {
+        name: float(min(w[column] - system.lower_rad[column], system.upper_rad[column] - w[column]))
+        for name, column in zip(names, system.joint_columns, strict=True)
+    }
+    error_m = max(float(np.abs(jet.value).max()) for jet in system.terms(state).contacts)
+    clearances = {gap.name: float(gap.at(state)[0]) for gap in gaps(system)}
+    return RobotHandConstraints((float(margins[0]), float(margins[1])), limits, error_m, clearances)
 
 
 def pinned(finger: FingerModel) -> bool:
