@@ -23,11 +23,14 @@ from calibration.build import NODES, build_or_load, is_current
 from calibration.catalogue import PAPER, Case, Outcome, Result, build_all, counted, load_catalogue
 from calibration.cluster import cluster as cluster_of
 from calibration.cluster import process_pool
+from calibration.grasp.equilibrium import grasp_system
+from calibration.grasp.force import contact_force_levels
 from calibration.grasp.specification import GraspSpec
-from calibration.hand.parameters import load_hand
+from calibration.hand.parameters import Hand, load_hand
 from calibration.motion_table import MotionTable, Status
-from calibration.objects import load_object
-from drivers.errors import InputError, StillgraspError, TableError
+from calibration.objects import GraspObject, load_object
+from calibration.table_inputs import table_inputs
+from drivers.errors import InputError, MechanicsError, StillgraspError, TableError
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -147,18 +150,41 @@ def build(
 
 @app.command(epilog="Example: stillgrasp table show build/split.npz --json")
 def show(file: TableFile, as_json: AsJson = False) -> None:
-    """Print what a table is for, and the object's path while both tendons wind in equally."""
+    """Print what a table is for, the object's path while both tendons wind in equally, and the grasping forces.
+
+    f_min holds the object's weight, f_e is reached when the hand stops to reconfigure, f_max at the load cap: sums of
+    both contacts' normal forces.
+    """
     with refusals():
         table = MotionTable.load(file)
         path = equal_path(table)
-    if as_json:
-        typer.echo(json.dumps({"file": str(file), "header": msgspec.to_builtins(table.header), "path": path}))
-        return
+        hand, taken, grasp = table_inputs(table)
+        forces = grasping_forces(hand, taken, grasp)
     header = table.header
-    typer.echo(
-        f"{file}: {header.hand['name']} ({header.hand['preset']}) on {header.object['name']}, grasp {header.grasp}"
+    if as_json:
+        typer.echo(json.dumps({"file": str(file), "header": msgspec.to_builtins(header), "path": path, **forces}))
+        return
+    ends = header.column_end[len(header.column_end) // 2]
+    support = f"on its support (friction {taken.support.friction:g})" if grasp.supported and taken.support else "lifted"
+    rows = (
+        ("hand", f"{hand.name}, preset {hand.preset}"),
+        ("object", f"{taken.name}, {taken.mass_kg * 1e3:.0f} g, {support}"),
+        (
+            "grasp",
+            f"onset split {grasp.onset_split:g}, offset {grasp.object_offset_m * 1e3:g} mm, turned "
+            f"{grasp.object_angle_deg:g}°, fingertip friction {grasp.contact_friction:g}, {grasp.branch}",
+        ),
+        (
+            "domain",
+            f"equal winding up to {table.mean_excursion_end_m(0.0) * 1e3:.2f} mm, {table.mean_load_end_N(0.0):.1f} N; "
+            f"ended by: {ends}",
+        ),
+        ("forces", forces["statement"]),
+        ("inputs", f"{header.inputs_sha256}, format {header.format_version}, stillgrasp {header.package_version}"),
     )
-    typer.echo(f"inputs {header.inputs_sha256}, format {header.format_version}, stillgrasp {header.package_version}")
+    typer.echo(str(file))
+    for name, text in rows:
+        typer.echo(f"  {name:<8}{text}")
     names = ("wound mm", "load N", "x mm", "y mm", "θ deg", "N right", "N left", "|f_t|/N", "stable")
     typer.echo("".join(f"{name:>9}" for name in names))
     for row in path:
@@ -171,7 +197,7 @@ def show(file: TableFile, as_json: AsJson = False) -> None:
             math.degrees(angle),
             *row["contact_force_N"],
         )
-        texts = [*(f"{number:.2f}" for number in numbers), f"{row['required_friction']:.3f}"]
+        texts = [*(f"{round(number, 2) + 0.0:.2f}" for number in numbers), f"{row['required_friction']:.3f}"]
         typer.echo("".join(f"{text:>9}" for text in [*texts, "yes" if row["stable"] else "no"]))
 
 
@@ -305,6 +331,23 @@ def _build_catalogue(
     if failed:
         typer.echo(f"stillgrasp: {len(failed)} of {len(outcomes)} cases failed: {', '.join(failed)}", err=True)
         raise typer.Exit(FAILED)
+
+
+def grasping_forces(hand: Hand, taken: GraspObject, grasp: GraspSpec) -> dict[str, Any]:
+    """f_min_N, f_e_N, f_max_N (None where there is none) of squeezing, and a sentence that says what they mean."""
+    winding = msgspec.structs.replace(grasp, branch="winding")
+    try:
+        levels = contact_force_levels(
+            grasp_system(hand, taken, winding), taken.mass_kg, grasp.contact_friction, not grasp.supported
+        )
+    except MechanicsError as error:
+        return {"f_min_N": None, "f_e_N": None, "f_max_N": None, "statement": str(error)}
+    return {
+        "f_min_N": levels.f_min_N,
+        "f_e_N": levels.f_e_N,
+        "f_max_N": levels.f_max_N,
+        "statement": levels.statement,
+    }
 
 
 def _summary(file: Path) -> dict[str, Any]:

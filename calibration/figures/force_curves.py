@@ -35,7 +35,7 @@ def figure_10() -> PaperFigure:
         10,
         "forces and motion of a symmetric pinch",
         f"The T42PF with tactile sensors squeezes a cylinder of 45 mm (what ends it: {path.end}). Sum of the contact "
-        f"forces up to {_sum_N(path)[-1]:.1f} N, motion {path.motion[-1, 1] * MM:.1f} mm along y (towards the palm) and "
+        f"forces up to {_sum_N(path)[-1]:.1f} N, motion {path.motion[-1, 1] * MM:.1f} mm along y (towards the palm), "
         "none along x. The paper reports 96.4 % agreement along y between its own prediction and its measurement.",
         "a pure translation along y, and its shape over the winding.",
         "preset fitted (all stiffness × 6, stop 1.8 rad, from the mustard bottle of Fig. 17); that the tactile hand "

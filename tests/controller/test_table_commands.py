@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from calibration.motion_table import MotionTable
+from calibration.table_file import read_file, write_file
 from controller.table_commands import app
 
 RUN = CliRunner()
@@ -60,6 +61,27 @@ def test_show_prints_the_path(table_file: Path) -> None:
     assert shown["header"]["hand"]["name"] == "T42PP"
     text = RUN.invoke(app, ["show", str(table_file)]).stdout
     assert f"{row['pose'][1] * 1e3:.2f}" in text
+
+
+def test_show_tells_the_grasping_forces(tmp_path: Path) -> None:
+    """Lifted, each finger must press with m g / (2 μ), and a little more for the small force along the contact."""
+    file = tmp_path / "lifted.npz"
+    arguments = ["--hand", "t42pp", "--object", "cylinder40", "--lifted", "--nodes", "9", "-o", str(file)]
+    assert RUN.invoke(app, ["build", *arguments]).exit_code == 0
+    shown = json.loads(RUN.invoke(app, ["show", str(file), "--json"]).stdout)
+    assert 1.0 <= shown["f_min_N"] / (0.1 * 9.80665 / 0.3) < 1.01
+    assert shown["f_min_N"] < shown["f_e_N"] < shown["f_max_N"]
+    assert shown["statement"] in RUN.invoke(app, ["show", str(file)]).stdout
+
+
+def test_a_table_of_a_hand_that_is_no_hand_here_is_refused(table_file: Path, tmp_path: Path) -> None:
+    """A header that this version cannot turn back into parameters ends in one message, not in a traceback."""
+    header, arrays = read_file(table_file)
+    header["hand"]["right"]["tip"]["radius_m"] = -1.0
+    write_file(tmp_path / "odd.npz", header, arrays)
+    told = RUN.invoke(app, ["show", str(tmp_path / "odd.npz")])
+    assert (told.exit_code, told.stdout) == (2, "")
+    assert "radius_m" in told.stderr or ">= 0" in told.stderr
 
 
 def test_check_tells_intact_from_altered(table_file: Path, tmp_path: Path) -> None:
