@@ -178,9 +178,10 @@ class World:
 
     # Object
 
-    def push_object(self, force_N: Sequence[float]) -> None:
-        """Disturb the object with a force in world axes at its centre of mass, shape (3,), held until the next."""
-        self._data.xfrc_applied[self._parts.object_body, :3] = _vector("force_N", force_N, 3)
+    def push_object(self, force_N: Sequence[float], torque_Nm: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+        """Disturb the object with force and torque in world axes at its centre of mass, (3,) each, until the next."""
+        wrench = np.concatenate([_vector("force_N", force_N, 3), _vector("torque_Nm", torque_Nm, 3)])
+        self._data.xfrc_applied[self._parts.object_body] = wrench
 
     # What really is
 

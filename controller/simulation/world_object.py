@@ -4,18 +4,20 @@ Object frame: z along the axis of an upright prism, origin at the outline's refe
 outline is turned in it by a given angle. Outlines: hand-mechanics reference 5; friction is what is stated here.
 
 A fingertip arc is a sphere, so that the contact has one point. On a cylinder or box MuJoCo computes it in closed form;
-a polygon is a convex mesh, and so is any other curve, as a prism of `OUTLINE_POINTS` flat sides.
-Torsion about the contact normal has the friction of a line as long as the finger is wide; without it two point contacts
-would let the object swing about the line between them. A ball is an upright cylinder here: between fingers that are
-lines across the hand plane it rolls as its section does, and between two points it would roll out of the plane.
+a polygon is a convex mesh, and so is any other curve, as a prism of `OUTLINE_POINTS` flat sides. Torsion about the
+contact normal has the friction of a line as long as the finger is wide; without it two point contacts would let the
+object swing about the line between them. A ball is an upright cylinder here: between fingers that are lines across the
+hand plane it rolls as its section does, and between two points it would roll out of the plane.
 
-An object stands on small balls along its rim, as bottles do; its drag against turning is up to half as large again as
-that of an evenly pressed patch. MuJoCo's own contact of cylinder and plane takes the rim's lowest point
-from the tilt, and makes of a tilt of round-off size a penetration of millimetres, which throws the object.
+An object stands on small balls, most of them along its rim, some around the middle, so that its drag against turning
+is that of an evenly pressed patch (hand-mechanics reference 8). MuJoCo's own contact of cylinder and plane takes the
+rim's lowest point from the tilt, and makes of a tilt of round-off size a penetration of millimetres, which throws the
+object.
 """
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 
@@ -31,7 +33,7 @@ from drivers.errors import InputError
 
 TIP_FRICTION = 1.0
 DEFAULT_HEIGHT_M = 0.12
-FEET = 8
+RIM_FEET = 8
 FOOT_RADIUS_M = 5e-4
 SUPPORT_HALF_WIDTH_M = 0.15  # drawn size only: the plane carries the object wherever it goes
 OUTLINE_POINTS = 720
@@ -105,8 +107,8 @@ def add_object(
             contact, "pair", touch, geom1=f"tip_{side}", geom2="object", condim="4", friction=friction
         )
     if grasped.support is not None:
-        feet_m = _feet_m(outline_m)
-        _add_support(worldbody, body, contact, grasped.support.friction, T_world_object, height_m, feet_m, touch)
+        feet = feet_m(outline_m, grasped.shape.mean_pressure_distance_m)
+        _add_support(worldbody, body, contact, grasped.support.friction, T_world_object, height_m, feet, touch)
 
 
 def mean_squares_m2(outline_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -144,12 +146,25 @@ def _geometry(grasped: GraspObject, height_m: float, padded: bool, asset: Elemen
     return {"type": "mesh", "mesh": "object"}
 
 
-def _feet_m(outline_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Where the feet stand, (feet, 2) m: the outermost points in `FEET` directions, a foot's radius inside."""
-    angles = 2 * np.pi * np.arange(FEET) / FEET
-    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+def feet_m(outline_m: NDArray[np.float64], mean_distance_m: float) -> NDArray[np.float64]:
+    """Where the feet of an outline (n, 2) stand, (feet, 2) m: the outermost points in `RIM_FEET` directions, a foot's
+    radius inside, and so many around the middle that all are `mean_distance_m` from it on average."""
+    directions = _around(RIM_FEET)
     rim = outline_m[np.unique(np.argmax(outline_m @ directions.T, axis=0))]
-    return np.asarray(rim * (1.0 - FOOT_RADIUS_M / np.linalg.norm(rim, axis=1))[:, None])
+    distance_m = np.linalg.norm(rim, axis=1)
+    rim = rim * (1.0 - FOOT_RADIUS_M / distance_m)[:, None]
+    reach_m = float(np.mean(distance_m - FOOT_RADIUS_M))
+    # A ball rests on a point, but has to stand: as a cylinder does.
+    wanted_m = min(mean_distance_m or 2 * reach_m / 3, reach_m)
+    inner = math.ceil(len(rim) * (reach_m / wanted_m - 1.0) - 1e-9)
+    inner_m = ((len(rim) + inner) * wanted_m - len(rim) * reach_m) / max(inner, 1)
+    feet: NDArray[np.float64] = np.concatenate([rim, inner_m * _around(inner)])
+    return feet
+
+
+def _around(count: int) -> NDArray[np.float64]:
+    angles = 2 * np.pi * np.arange(count) / count
+    return np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 def _add_support(
@@ -159,7 +174,7 @@ def _add_support(
     mu: float,
     T_world_object: NDArray[np.float64],
     height_m: float,
-    feet_m: NDArray[np.float64],
+    feet: NDArray[np.float64],
     touch: dict[str, str],
 ) -> None:
     if abs(T_world_object[2, 2] - 1.0) > 1e-9:
@@ -172,7 +187,7 @@ def _add_support(
     # No friction is frictionless contact (condim 1): MuJoCo has no cone of zero width.
     friction = text((mu, mu, 1e-6, 1e-6, 1e-6)) if mu > 0.0 else text((1.0, 1.0, 1e-6, 1e-6, 1e-6))
     condim = "3" if mu > 0.0 else "1"
-    for foot, (x_m, y_m) in enumerate(feet_m):
+    for foot, (x_m, y_m) in enumerate(feet):
         position = text((x_m, y_m, FOOT_RADIUS_M - height_m / 2))
         name = f"foot_{foot}"
         ElementTree.SubElement(body, "geom", name=name, type="sphere", size=repr(FOOT_RADIUS_M), pos=position)
