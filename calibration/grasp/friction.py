@@ -14,12 +14,14 @@ winding. Source: paper II-D and III-C; hand-mechanics reference 8.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from calibration.grasp.equilibrium import Drive, GraspSystem, States
 from calibration.grasp.equilibrium_newton import STEP_LIMIT, hold_stops, solved
+from calibration.grasp.path import NO_EQUILIBRIUM
 from calibration.hand.finger import Reals
 from calibration.objects import GraspObject
 from drivers.errors import MechanicsError
@@ -27,7 +29,9 @@ from drivers.errors import MechanicsError
 STANDARD_GRAVITY_M_PER_S2 = 9.80665
 STICK_M = 1e-7
 """Displacement over which the wrench builds up from zero to sliding; three orders below a step."""
-ITERATIONS = 80
+SMALLEST = 1e-30
+ITERATIONS = 25
+ContactLaw = Callable[[Reals, Reals, Reals], None]
 TOLERANCE = 1e-9
 """Largest scaled residual: what rounding of the object's place leaves of the wrench while it sticks."""
 
@@ -38,6 +42,15 @@ class Sliding:
 
     force_N: float
     moment_Nm: float
+
+    @property
+    def weights(self) -> Reals:
+        """(F, F, M)."""
+        return np.array([self.force_N, self.force_N, self.moment_Nm])
+
+    def length(self, pressed: Reals) -> float:
+        """D (J) of a displacement already multiplied by `weights`, smoothed; > 0."""
+        return float(np.sqrt(pressed @ pressed + max(self.force_N * STICK_M, SMALLEST) ** 2))
 
 
 def sliding(grasped: GraspObject, mass_kg: float | None = None) -> Sliding:
@@ -60,12 +73,14 @@ class OnTable:
 
     system: GraspSystem
     limits: Sliding
+    without_solution: str = NO_EQUILIBRIUM
 
     def wrench(self, before: Reals, after: Reals) -> Reals:
         """Wrench (3,) of the table on the object when state `after` (size,) follows `before`; N, N, N m."""
         pose = slice(self.system.joints, self.system.unknowns)
-        pressed = self._weights * (after[pose] - before[pose])
-        return -self._weights * pressed / self._length(pressed)
+        pressed = self.limits.weights * (after[pose] - before[pose])
+        wrench: Reals = -self.limits.weights * pressed / self.limits.length(pressed)
+        return wrench
 
     def slope(self, before: Reals, last: Reals | None, drive: Drive, held: Reals) -> Reals:
         """From the last two states; at first contact that of frictionless equilibria."""
@@ -80,37 +95,44 @@ class OnTable:
         """State that minimises energy and dissipation from `before` on, joints at their stops."""
         if self.limits.force_N == 0:
             return self.system.solve(guess[None], drive, target[None], stops=True)
-        system = self.system
-        pose = slice(system.joints, system.unknowns)
-        w, weights = guess[None].copy(), self._weights
-        torque, active = np.zeros((2, 1, system.joints))
-        share = np.zeros(3)  # wrench / limits, an unknown of its own: at most 1 in size
-        residual = np.inf
-        for _ in range(ITERATIONS):
-            pressed = weights * (w[0, pose] - before[pose])
-            length = self._length(pressed)
-            terms = system.terms(w)
-            F = system.residual_vector(w, terms, drive, target[None], -(weights * pressed / length)[None])
-            K = system.matrix(w, terms, drive)
-            growth = (np.eye(3) - np.outer(share, pressed) / length) * weights / length
-            scales = np.outer(system.row_scale[pose], system.column_scale[pose])
-            K[0, pose, pose] += weights[:, None] * growth * scales
-            hold_stops(system, w, torque, active, np.array([0]), F, K)
-            residual = float(np.abs(F).max())
-            if residual < TOLERANCE or not np.isfinite(residual):
-                break
-            step = -solved(K, F[:, :, None])[0, :, 0]
-            step *= min(1.0, STEP_LIMIT / max(float(np.abs(step[: system.unknowns]).max()), 1e-300))
-            step *= system.column_scale
-            w[0] += step
-            share = pressed / length + growth @ step[pose]
-            share /= max(1.0, float(np.linalg.norm(share)))
-        converged = np.array([residual < TOLERANCE])
-        return States(w, torque, active, converged, np.array([residual]))
+        return incremental(self.system, before, guess, drive, target, self.limits)
 
-    @property
-    def _weights(self) -> Reals:
-        return np.array([self.limits.force_N, self.limits.force_N, self.limits.moment_Nm])
 
-    def _length(self, pressed: Reals) -> float:
-        return float(np.sqrt(pressed @ pressed + (self.limits.force_N * STICK_M) ** 2))
+def incremental(
+    system: GraspSystem,
+    before: Reals,
+    guess: Reals,
+    drive: Drive,
+    target: Reals,
+    limits: Sliding,
+    contact_law: ContactLaw = lambda w, F, K: None,
+) -> States:
+    """Newton's method on one step from `before` (size,) with the table's wrench; `contact_law` may put other laws in
+    the place of rolling into the scaled residual (1, size) and matrix (1, size, size)."""
+    pose = slice(system.joints, system.unknowns)
+    scales = np.outer(system.row_scale[pose], system.column_scale[pose])
+    weights = limits.weights
+    w = guess[None].copy()
+    torque, active = np.zeros((2, 1, system.joints))
+    share = np.zeros(3)  # wrench / limits, an unknown of its own: at most 1 in size
+    residual = np.inf
+    for _ in range(ITERATIONS):
+        pressed = weights * (w[0, pose] - before[pose])
+        length = limits.length(pressed)
+        terms = system.terms(w)
+        F = system.residual_vector(w, terms, drive, target[None], -(weights * pressed / length)[None])
+        K = system.matrix(w, terms, drive)
+        growth = (np.eye(3) - np.outer(share, pressed) / length) * weights / length
+        K[0, pose, pose] += weights[:, None] * growth * scales
+        contact_law(w, F, K)
+        hold_stops(system, w, torque, active, np.array([0]), F, K)
+        residual = float(np.abs(F).max())
+        if residual < TOLERANCE or not np.isfinite(residual):
+            break
+        step = -solved(K, F[:, :, None])[0, :, 0]
+        step *= min(1.0, STEP_LIMIT / max(float(np.abs(step[: system.unknowns]).max()), 1e-300))
+        step *= system.column_scale
+        w[0] += step
+        share = pressed / length + growth @ step[pose]
+        share /= max(1.0, float(np.linalg.norm(share)))
+    return States(w, torque, active, np.array([residual < TOLERANCE]), np.array([residual]))

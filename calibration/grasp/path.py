@@ -29,7 +29,7 @@ STEP_M = 1e-4
 """Largest winding between two points; 0.2 mm and less keep a stop's place within 0.1 mm of object motion."""
 LOAD_STEPS = 40
 """A step raises the load by no more than the cap over this."""
-SMALLEST_SHARE = 1e-4
+SMALLEST_SHARE = 1e-3
 """A step shorter than this share of the largest has failed: there is no equilibrium ahead."""
 SLOW = 0.02
 """Where the load limits a step of winding to less than this share, the load leads instead."""
@@ -41,11 +41,16 @@ KINK = 3.0
 is longer."""
 ROUNDING = 1e-9
 BEYOND_STOP_RAD = 1e-6
-NO_EQUILIBRIUM = "no equilibrium beyond"
+NO_EQUILIBRIUM = "no equilibrium beyond it"
 
 
 class Rule(Protocol):
     """How the next state of a path follows from the last one. Without friction it needs the drive alone."""
+
+    @property
+    def without_solution(self) -> str:
+        """What to call the end of a path beyond which there is no next state."""
+        ...
 
     def solve(self, before: Reals, guess: Reals, drive: Drive, target: Reals) -> States:
         """States (one) at the drive's `target` (2,), near `guess` (size,), coming from `before` (size,)."""
@@ -62,6 +67,7 @@ class Equilibria:
     """Nothing resists but springs: states depend on the drive's targets, not on how they were reached."""
 
     system: GraspSystem
+    without_solution: str = NO_EQUILIBRIUM
 
     def solve(self, before: Reals, guess: Reals, drive: Drive, target: Reals) -> States:
         """An equilibrium, joints at their stops."""
@@ -249,7 +255,7 @@ class _Follower:
                 break
             ahead = self._advanced(w, points[-2] if len(points) > 1 else None, held)
             if ahead is None:
-                end = NO_EQUILIBRIUM
+                end = self.rule.without_solution
                 break
             drive, states = ahead
             after, active = states.w[0], states.at_stop[0]
