@@ -6,6 +6,7 @@ import contextlib
 import json
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -33,12 +34,15 @@ app = typer.Typer(
     epilog="Example: stillgrasp simulate wam --json",
 )
 AsJson = Annotated[bool, typer.Option("--json", help="Print the bus as one line of JSON when ready.")]
+PATIENCE_S = 0.5
+"""A heartbeat for machines that stall."""
 _PLANT_STEP_NS = nanoseconds(0.0005)
 
 
 @app.command(
-    epilog="Example: stillgrasp simulate wam --channel can.sock --json; then, in Python: "
-    'can.Bus(interface="seqpacket", channel="can.sock")'
+    epilog="Example: stillgrasp simulate wam --firmware 200 --faults faults.toml --channel can.sock --json; then, in "
+    'Python: can.Bus(interface="seqpacket", channel="can.sock"). A fault, in faults.toml: [[fault]] on = "active", '
+    'at_s = 0.5, for_s = 0.1, action = { kind = "drop", node = 3 }, each on a line of its own.'
 )
 def wam(
     channel: Annotated[Path | None, typer.Option(help="Socket to serve; else one in a new private directory.")] = None,
@@ -46,17 +50,47 @@ def wam(
     not_zeroed: Annotated[
         bool, typer.Option("--not-zeroed", help="Pucks without positions, the arm at home, as after power-up.")
     ] = False,
+    firmware: Annotated[
+        int, typer.Option(help="Of the motor pucks: 60, 118, 141 and 200 are known generations.")
+    ] = 200,
+    safety_firmware: Annotated[
+        int | None, typer.Option(help="Of the safety puck; else of the same generation.", show_default=False)
+    ] = None,
+    joint_encoders: Annotated[bool, typer.Option("--joint-encoders", help="Encoders at joints 1 to 4 too.")] = False,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Pucks lose settings that follow too closely: 0.3 ms, 10 ms for safety.")
+    ] = False,
+    heartbeat: Annotated[
+        float, typer.Option(min=0.01, max=60, help="Seconds without positions until an active arm idles itself.")
+    ] = PATIENCE_S,
+    faults: Annotated[
+        Path | None, typer.Option(help="Fault script: TOML, or JSON lines (.jsonl).", show_default=False)
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the arm's imperfections.")] = 0,
     as_json: AsJson = False,
 ) -> None:
     """A Barrett WAM on a CAN bus; it starts idle.
 
-    The pendant's buttons come from standard input, a word a line: idle, activate, estop, release. Ctrl-C ends it.
+    The pendant's buttons come from standard input, a word a line: idle, activate, estop, release; and faults, a JSON
+    object a line: {"action": {"kind": "supply", "volts": 28}}. Ctrl-C ends it.
     """
-    from controller.simulation.world_process import simulated_devices
+    from controller.simulation.fault_file import read_wam_faults, wam_fault
+    from controller.simulation.world_process import PATIENT, simulated_devices
+    from drivers.simulated.can_faults import CanFaults
+    from drivers.simulated.faults import FaultScript
     from drivers.simulated.seqpacket_can import SeqpacketHub
     from drivers.wam.parameters import load_wam_parameters
 
+    script = FaultScript() if faults is None else read_wam_faults(faults)
+    arm = {
+        "motor_firmware": firmware,
+        "safety_firmware": safety_firmware,
+        "joint_encoders": joint_encoders,
+        "booted": not asleep,
+        "zeroed": not not_zeroed,
+        "set_gap_s": 0.0003 if strict else 0.0,
+        "safety": replace(PATIENT, heartbeat_s=heartbeat, set_gap_s=0.01 if strict else 0.0),
+    }
     with contextlib.ExitStack() as stack:
         stop = stack.enter_context(StopRequests())
         if channel is None:
@@ -65,12 +99,21 @@ def wam(
             channel = directory.path / "can"
         clock = SteppedClock()
         posture = {"joint_rad": tuple(load_wam_parameters().home_rad.tolist())} if not_zeroed else {}
-        devices = simulated_devices(
-            load_config(), SceneChoice(seed=seed), clock.now_ns(), booted=not asleep, zeroed=not not_zeroed, **posture
-        )
-        hub = SeqpacketHub(channel.absolute(), [devices.wam], clock)
+        devices = simulated_devices(load_config(), SceneChoice(seed=seed), clock.now_ns(), arm, **posture)
+        can_faults = CanFaults(script, devices.wam, clock.now_ns())
+        hub = SeqpacketHub(channel.absolute(), [devices.wam], clock, can_faults)
         stack.callback(hub.close)
-        buttons = PendantLines(0, _say)
+
+        def fault(line: str) -> bool:
+            if not line.startswith("{"):
+                return False
+            try:
+                can_faults.add(wam_fault(line), clock.now_ns())
+            except InputError as error:
+                _say(str(error))
+            return True
+
+        buttons = PendantLines(0, _say, fault)
 
         def press() -> None:
             for button in buttons.read():

@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 
-from drivers.simulated.safety_puck import BUTTONS
+from drivers.errors import InputError
+from drivers.simulated.safety_puck import button_named
 
 _LONGEST_LINE_BYTES = 1000
 
@@ -13,12 +14,16 @@ _LONGEST_LINE_BYTES = 1000
 class PendantLines:
     """Reads words from `descriptor` (standard input); unknown ones are told through `say` and passed over.
 
-    The end of the input, or an input that cannot be read, ends nothing but the reading: `open` turns false.
+    `other_lines` may take lines that are no buttons. The end of the input, or an input that cannot be read, ends
+    nothing but the reading: `open` turns false.
     """
 
-    def __init__(self, descriptor: int, say: Callable[[str], None]) -> None:
+    def __init__(
+        self, descriptor: int, say: Callable[[str], None], other_lines: Callable[[str], bool] = lambda _: False
+    ) -> None:
         self._descriptor = descriptor
         self._say = say
+        self._other_lines = other_lines
         self._rest = b""
         self.open = True
         try:
@@ -44,8 +49,13 @@ class PendantLines:
         *lines, self._rest = (self._rest + data).split(b"\n")
         if len(self._rest) > _LONGEST_LINE_BYTES:
             lines, self._rest = [*lines, self._rest], b""
-        words = [line.decode(errors="replace").strip().lower() for line in lines]
-        for word in words:
-            if word and word not in BUTTONS:
-                self._say(f"pendant button {word[:40]!r} is unknown; expected one of {', '.join(BUTTONS)}.")
-        return [word for word in words if word in BUTTONS]
+        texts = [line.decode(errors="replace").strip() for line in lines]
+        pressed = []
+        for text in texts:
+            if not text or self._other_lines(text):
+                continue
+            try:
+                pressed.append(button_named(text.lower()))
+            except InputError as error:
+                self._say(error.message)
+        return pressed

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -68,12 +69,16 @@ def run_world(assignment: Assignment, lifeline: Lifeline, stop: StopRequests) ->
 
 
 def simulated_devices(
-    config: RobotConfig, choice: SceneChoice, start_ns: int, *, booted: bool = True, zeroed: bool = True, **scene: Any
+    config: RobotConfig, choice: SceneChoice, start_ns: int, arm: Mapping[str, Any] | None = None, **scene: Any
 ) -> Devices:
-    """The world of the configuration and scene, with devices patient enough for the machine's time."""
+    """The world of the configuration and scene, with devices patient enough for the machine's time.
+
+    `arm`: what the arm is like, as `SimulatedWam` takes it; without it, awake and with its positions known.
+    """
     chosen = {name: value for name, value in msgspec.structs.asdict(choice).items() if value is not None}
     devices = build_devices(config, configured_hand(config), Scene(**chosen, **scene), start_ns=start_ns)
-    wam = SimulatedWam(devices.world, load_wam_parameters(), booted=booted, zeroed=zeroed, safety=PATIENT)
+    options = {"zeroed": True, "safety": PATIENT, "start_ns": start_ns, **(arm or {})}
+    wam = SimulatedWam(devices.world, load_wam_parameters(), **options)
     return replace(devices, wam=wam)
 
 

@@ -27,7 +27,7 @@ from drivers.simulated.can_fault_actions import (
     Unplug,
 )
 from drivers.simulated.can_wire import BIT_NS, ERROR_FLAG, Frame, TimedFrame, frame_bits
-from drivers.simulated.faults import FaultScript, Running, Schedule
+from drivers.simulated.faults import START, Fault, FaultScript, Running, Schedule
 
 ERROR_BUS_OFF = 0x40
 ERROR_RESTARTED = 0x100
@@ -102,6 +102,12 @@ class CanFaults:
         """The adapter has left the bus: frames of hosts that wait in its queue are to be forgotten."""
         self.struck = 0
         """Frames that frame actions have changed so far."""
+
+    def add(self, fault: Fault[Any], now_ns: int) -> None:
+        """Have one more fault, timed from now. InputError if it does not fit."""
+        self._check(fault.action)
+        self._schedule.add(fault)
+        self._schedule.notice(START, now_ns)
 
     # --- time
 

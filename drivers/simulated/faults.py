@@ -129,22 +129,27 @@ class Schedule(Generic[A]):
         events: tuple[str, ...],
         start_ns: int,
     ) -> None:
-        self.running = tuple(
-            Running(fault, index, script.seed, isinstance(fault.action, frame_actions))
-            for index, fault in enumerate(script.faults)
-        )
-        for index, fault in enumerate(script.faults):
-            _check(index, fault, frame_actions, instants)
-            if fault.on not in (START, *events):
-                known = ", ".join((START, *events))
-                raise InputError(f"{label(index, fault.name)}: on = {fault.on!r} is no event; expected one of {known}.")
-        self.frame_faults = tuple(one for one in self.running if one.is_frame_action)
-        self._others = tuple(one for one in self.running if not one.is_frame_action)
-        self._waiting: list[Running[A]] = list(self._others)
+        self._seed = script.seed
+        self._frame_actions, self._instants, self._events = frame_actions, instants, (START, *events)
+        self.running: list[Running[A]] = []
+        self.frame_faults: list[Running[A]] = []
+        """Those whose action acts on single frames."""
+        self._waiting: list[Running[A]] = []
         self._lasting: list[Running[A]] = []
-        self._instants = instants
-        self._counting = any(fault.at_frame is not None for fault in script.faults)
+        self._counting: list[Running[A]] = []
+        for fault in script.faults:
+            self.add(fault)
         self.notice(START, start_ns)
+
+    def add(self, fault: Fault[A]) -> Running[A]:
+        """Take one more fault; its `START` is the next of which `notice` is told."""
+        running = Running(fault, len(self.running), self._seed, isinstance(fault.action, self._frame_actions))
+        self._check(fault, running)
+        self.running.append(running)
+        (self.frame_faults if running.is_frame_action else self._waiting).append(running)
+        if fault.at_frame is not None and not running.is_frame_action:
+            self._counting.append(running)
+        return running
 
     def notice(self, event: str, now_ns: int) -> None:
         """Something has happened that faults may wait for."""
@@ -153,9 +158,8 @@ class Schedule(Generic[A]):
 
     def count_frame(self, now_ns: int) -> None:
         """A frame passes, whatever it is."""
-        if self._counting:
-            for one in self._others:
-                one.count(now_ns)
+        for one in self._counting:
+            one.count(now_ns)
 
     def next_ns(self) -> int | None:
         """When something but a frame action begins or ends next, as far as that is known."""
@@ -185,18 +189,16 @@ class Schedule(Generic[A]):
             except InputError as error:
                 raise InputError(f"{one.label}: {error.message}", help=error.help) from error
 
+    def _check(self, fault: Fault[A], running: Running[A]) -> None:
+        if fault.on not in self._events:
+            known = ", ".join(self._events)
+            raise InputError(f"{running.label}: on = {fault.on!r} is no event; expected one of {known}.")
+        if isinstance(fault.action, self._instants) and fault.for_s is not None:
+            raise InputError(f"{running.label}: for_s = {fault.for_s} means nothing; this action is a moment.")
+        if not running.is_frame_action and (fault.for_frames is not None or fault.chance != 1.0):
+            raise InputError(f"{running.label}: for_frames and chance belong to actions on frames.", help="Use for_s.")
+
 
 def label(index: int, name: str) -> str:
     """How messages name a fault of a script."""
     return f"fault {index + 1}" + (f" ({name})" if name else "")
-
-
-def _check(index: int, fault: Fault[A], frame_actions: tuple[type, ...], instants: tuple[type, ...]) -> None:
-    instant = isinstance(fault.action, instants)
-    if instant and fault.for_s is not None:
-        raise InputError(f"{label(index, fault.name)}: for_s = {fault.for_s} means nothing; this action is a moment.")
-    if not isinstance(fault.action, frame_actions) and (fault.for_frames is not None or fault.chance != 1.0):
-        raise InputError(
-            f"{label(index, fault.name)}: for_frames and chance belong to actions on frames.",
-            help="Use for_s.",
-        )

@@ -71,7 +71,7 @@ class SimulatedWam:
     """The whole arm as one device of a CAN hub. `heard` counts what it heard, by kind."""
 
     fault_instants: tuple[type, ...] = (Press, BrownOut, SetProperty, Supply)
-    fault_events = ARM_EVENTS
+    fault_events: tuple[str, ...] = ARM_EVENTS
 
     def __init__(
         self,
