@@ -30,8 +30,9 @@ from drivers.wam.properties import (
     property_id,
 )
 
-CONFIGURATION_PAUSE_S = 0.01
-"""Between two settings: the safety puck loses them when they come faster (WAM reference 2.2)."""
+CONFIGURATION_PAUSE_S = 0.011
+"""Between two settings: the safety puck loses them when they come within 10 ms (WAM reference 2.2). The rest is for the
+frames' different lengths."""
 _HEARD_GROUPS = {GROUP_LOWER_TORQUE, GROUP_UPPER_TORQUE, GROUP_POSITION}
 _LIMITS = ("VL1", "VL2", "TL1", "TL2")
 _WARNING_SHARE = 0.9
@@ -131,11 +132,24 @@ class SafetyPuck:
         return value
 
     def set(self, name: str, value: int) -> None:
-        """Write a property, wait for a sign of life and then until 10 ms have passed. NoReplyError if there is none."""
+        """Write a property, wait for a sign of life and until the next may follow. NoReplyError if there is none."""
         quiet_ns = self._clock.now_ns() + nanoseconds(CONFIGURATION_PAUSE_S)
         self._dialogue.tell(SAFETY_NODE, self._number(name), value)
         self._dialogue.ask(SAFETY_NODE, STATUS_ID, "STAT")
         self._clock.sleep_until_ns(quiet_ns)
+
+    def write(self, name: str, value: int) -> None:
+        """Set a property and read it back, once more if it got lost. ProtocolError if it then still differs."""
+        for _ in range(2):
+            self.set(name, value)
+            found = self.get(name)
+            if found == value:
+                return
+        raise ProtocolError(
+            "safety puck",
+            f"{name} reads {found} after {value} was written.",
+            help="It cannot be relied on: start again, and if it stays so have the puck checked.",
+        )
 
     def mode(self, *, attempts: int = ATTEMPTS) -> ArmMode:
         """The arm's mode now. NoReplyError if the safety puck is silent."""
@@ -164,8 +178,8 @@ class SafetyPuck:
     def set_limits(self, velocity_m_s: float, motor_torque_Nm: float) -> None:
         """Set the fault limits of elbow speed and motor torque (motors 1 to 4), warnings at 0.9 of them.
 
-        They last until power-down. First the factory's are restored, as the vendor's library does; last, all are read
-        back, and one that differs is a ProtocolError. A zero velocity limit would switch the fault off and is refused
+        They last until power-down. First the factory's are restored, as the vendor's library does. Each is read back,
+        and one that differs is a ProtocolError. A zero velocity limit would switch the fault off and is refused
         (InputError). The speed is that of the elbow and of a point 350 mm beyond it; until the arm is zeroed the same
         number means rad/s of a joint.
         """
@@ -180,15 +194,7 @@ class SafetyPuck:
         limits = {"VL2": int(velocity), "VL1": int(_WARNING_SHARE * velocity)}
         limits |= {"TL2": int(torque), "TL1": int(_WARNING_SHARE * torque)}
         for name, limit in limits.items():
-            self.set(name, limit)
-        for name, limit in limits.items():
-            found = self.get(name)
-            if found != limit:
-                raise ProtocolError(
-                    "safety puck",
-                    f"{name} reads {found} after {limit} was written.",
-                    help="Its limits cannot be relied on: start again, and if it stays so have the puck checked.",
-                )
+            self.write(name, limit)
 
     def _number(self, name: str) -> int:
         return property_id(name, self.firmware, "safety")

@@ -30,8 +30,8 @@ from drivers.wam.properties import (
 )
 from drivers.wam.safety_puck import ArmMode, SafetyPuck
 
-WAKE_SPACING_S = 0.01
-"""Between pucks that are woken: one that comes on while others talk can drive the bus off."""
+WAKE_SPACING_S = 0.011
+"""Between pucks that are woken, at least 10 ms: one that comes on while others talk can drive the bus off."""
 WAKE_SILENCE_S = 1.0
 _SECOND_SILENCE_S = 0.25
 """For a puck that is still silent then: the most patient driver waits 1.2 s."""
@@ -217,18 +217,25 @@ class StartUp:
         self._dialogue.pause(MODE_POLL_S)
 
     def _wake_nodes(self, nodes: tuple[int, ...]) -> None:
-        """Wake with the silences that keep the bus alive; each node must then be ready."""
+        """Wake with the silences that keep the bus alive, twice where it did not help; each must then be ready."""
+        asleep = self._wake_once(self._wake_once(nodes))
+        if asleep:
+            raise DeviceError(
+                f"puck {asleep[0]}",
+                f"STAT of pucks {list(asleep)} is not {STATUS_READY} after waking.",
+                help="Switch the arm off and on again.",
+            )
+
+    def _wake_once(self, nodes: tuple[int, ...]) -> tuple[int, ...]:
+        """Wake `nodes`; those that are not ready then. NoReplyError for one that has fallen silent."""
+        if not nodes:
+            return ()
         for node in nodes:
             self._dialogue.tell(node, STATUS_ID, STATUS_READY, quiet_s=WAKE_SPACING_S)
         self._dialogue.pause(WAKE_SILENCE_S)
         statuses = {node: self._dialogue.ask_or_none(node, STATUS_ID, attempts=1) for node in nodes}
         if None in statuses.values():
             self._dialogue.pause(_SECOND_SILENCE_S)
-        for node, first in statuses.items():
-            status = self._dialogue.ask(node, STATUS_ID, "STAT") if first is None else first
-            if status != STATUS_READY:
-                raise DeviceError(
-                    f"puck {node}",
-                    f"STAT is {status} after waking; expected {STATUS_READY}.",
-                    help="Switch the arm off and on again.",
-                )
+        for node, status in statuses.items():
+            statuses[node] = self._dialogue.ask(node, STATUS_ID, "STAT") if status is None else status
+        return tuple(node for node, status in statuses.items() if status != STATUS_READY)

@@ -57,7 +57,8 @@ def plan_zeroing(
     error_rad = np.zeros_like(home_motor_rad)
     expected = home_motor_rad + zero_angle_rad
     error_rad[usable] = wrapped(expected[usable] - counts[usable] * _TURN / turns[usable])
-    motor_counts = np.floor(turns / _TURN * (home_motor_rad - error_rad))
+    # An absolute encoder's place is a whole number of counts; rounding must not make it the one below.
+    motor_counts = np.floor(turns / _TURN * (home_motor_rad - error_rad) + 1e-6)
     if np.any(np.abs(motor_counts) >= _COUNT_RANGE):
         raise InputError(
             f"home {home_rad.tolist()} rad needs motor counts {motor_counts.tolist()}; "
