@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.grasp.constraints import gaps
 from calibration.grasp.equilibrium import GraspSystem
 from calibration.grasp.friction import STANDARD_GRAVITY_M_PER_S2, OnTable, sliding
 from calibration.grasp.path import Path, first_crossing, trace
@@ -80,10 +81,11 @@ def cone_margin_N(contact_force_N: Reals, friction: float, out_of_plane_N: float
 
 
 def squeeze_path(system: GraspSystem, mass_kg: float | None, *, lifted: bool, step_m: float = COARSE_STEP_M) -> Path:
-    """Path of equal winding up to the load cap: on the table with its drag, if object and mass say what it is."""
-    if lifted or mass_kg is None or system.object.support is None:
-        return trace(system, step_m=step_m)
-    return trace(system, step_m=step_m, rule=OnTable(system, sliding(system.object, mass_kg)))
+    """Path of equal winding up to the load cap or a collision; on the table with its drag, if object and mass say
+    what it is."""
+    dragged = not lifted and mass_kg is not None and system.object.support is not None
+    rule = OnTable(system, sliding(system.object, mass_kg)) if dragged else None
+    return trace(system, step_m=step_m, clearances=gaps(system), rule=rule)
 
 
 def minimal_effort(path: Path, mass_kg: float, contact_friction: float, *, lifted: bool) -> Effort | None:

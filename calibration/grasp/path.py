@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol
 
 import numpy as np
 from scipy.optimize import brentq
@@ -19,11 +18,33 @@ from scipy.optimize import brentq
 from calibration.grasp.constraints import Gap
 from calibration.grasp.equilibrium import Drive, GraspSystem, States
 from calibration.grasp.path_grid import Event, events
+from calibration.grasp.path_points import (
+    NO_EQUILIBRIUM,
+    Equilibria,
+    Path,
+    PathDrive,
+    Rule,
+    between,
+    first_crossing,
+    pressed,
+    required_friction,
+    state_between,
+)
 from calibration.grasp.stability import load_stability
 from calibration.hand.finger import Reals
 from drivers.errors import MechanicsError
 
-PathDrive = Literal["excursion", "load", "spool"]
+__all__ = [
+    "NO_EQUILIBRIUM",
+    "Equilibria",
+    "Path",
+    "PathDrive",
+    "Rule",
+    "first_crossing",
+    "required_friction",
+    "state_between",
+    "trace",
+]
 
 STEP_M = 1e-4
 """Largest winding between two points; 0.2 mm and less keep a stop's place within 0.1 mm of object motion."""
@@ -40,119 +61,6 @@ KINK = 3.0
 """Where joints meet or leave a stop, a step may be this many times as long as predicted; a jump to another solution
 is longer."""
 ROUNDING = 1e-9
-BEYOND_STOP_RAD = 1e-6
-NO_EQUILIBRIUM = "no equilibrium beyond it"
-
-
-class Rule(Protocol):
-    """How the next state of a path follows from the last one. Without friction it needs the drive alone."""
-
-    @property
-    def without_solution(self) -> str:
-        """What to call the end of a path beyond which there is no next state."""
-        ...
-
-    def solve(self, before: Reals, guess: Reals, drive: Drive, target: Reals) -> States:
-        """States (one) at the drive's `target` (2,), near `guess` (size,), coming from `before` (size,)."""
-        ...
-
-    def slope(self, before: Reals, last: Reals | None, drive: Drive, held: Reals) -> Reals:
-        """Expected change (size,) of the state per change of the drive's first target; `last` is the state ahead of
-        `before`, `held` (joints,) what is at a stop."""
-        ...
-
-
-@dataclass(frozen=True)
-class Equilibria:
-    """Nothing resists but springs: states depend on the drive's targets, not on how they were reached."""
-
-    system: GraspSystem
-    without_solution: str = NO_EQUILIBRIUM
-
-    def solve(self, before: Reals, guess: Reals, drive: Drive, target: Reals) -> States:
-        """An equilibrium, joints at their stops."""
-        return self.system.solve(guess[None], drive, target[None], stops=True)
-
-    def slope(self, before: Reals, last: Reals | None, drive: Drive, held: Reals) -> Reals:
-        """The tangent of the equilibria."""
-        tangent: Reals = self.system.tangent(before[None], drive, held[None])[0, :, 0]
-        return tangent
-
-
-@dataclass(frozen=True)
-class Path:
-    """K equilibria in order of winding."""
-
-    system: GraspSystem
-    drive: PathDrive
-    w: Reals
-    """(K, size) states"""
-    at_stop: Reals
-    """(K, joints) 1 at the upper, −1 at the lower stop, else 0; on the side that follows the point"""
-    stability: Reals
-    """(K,) smallest eigenvalue under this drive, dimensionless; > 0 is stable, inf when nothing is left to move"""
-    segments: tuple[Drive, ...]
-    """K − 1 drives; the target of each rises linearly from one point to the next"""
-    rule: Rule
-    """how a state follows from the one before"""
-    end: str
-    """what ends the path: the name of a stop, a load cap, a collision, …"""
-
-    @property
-    def excursion_m(self) -> Reals:
-        """(K, 2) finger-side excursion since first contact, m."""
-        wound: Reals = self.w @ self.system.excursion_rows().T
-        wound -= wound[0].copy()
-        return wound
-
-    @property
-    def load_N(self) -> Reals:
-        """(K, 2) tendon loads, N."""
-        loads: Reals = self.w @ self.system.load_rows().T
-        return loads
-
-    @property
-    def pose(self) -> Reals:
-        """(K, 3) object x m, y m, θ rad in the hand frame."""
-        pose: Reals = self.w[:, self.system.joints : self.system.unknowns]
-        return pose
-
-    @property
-    def motion(self) -> Reals:
-        """(K, 3) object motion since first contact, m, m, rad; negative y is towards the palm."""
-        pose = self.pose
-        motion: Reals = pose - pose[0]
-        return motion
-
-    @property
-    def contact_force_N(self) -> Reals:
-        """(K, 4) force on the object: right N, f_t, left N, f_t, N."""
-        forces: Reals = self.w @ self.system.contact_rows().T
-        return forces
-
-    @property
-    def required_friction(self) -> Reals:
-        """(K,) largest |f_t|/N of both contacts; NaN where a finger does not press, as at first contact."""
-        return required_friction(self.contact_force_N)
-
-    @property
-    def stable(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        """(K,) whether the equilibrium is stable under this drive."""
-        return np.asarray(self.stability > 0, np.bool_)
-
-    @property
-    def first_stop(self) -> int | None:
-        """Index of the point at which the first joint meets a stop; None if none does."""
-        held = np.flatnonzero((self.at_stop != 0).any(1))
-        return int(held[0]) if held.size else None
-
-
-def required_friction(contact_force_N: Reals) -> Reals:
-    """Largest |f_t|/N of contact forces (B, 4); NaN where a finger does not press."""
-    normal, along = contact_force_N[:, ::2], np.abs(contact_force_N[:, 1::2])
-    ratio = np.divide(along, normal, out=np.full_like(along, np.nan), where=normal > 1e-9)
-    largest: Reals = ratio.max(1)
-    return largest
 
 
 def trace(
@@ -179,39 +87,8 @@ def trace(
             f"{load_cap_N!r} N is not above the load at first contact, {system.start.tendon_load_N.max():.2f} N.",
         )
     cap_N = system.load_cap_N if load_cap_N is None else load_cap_N
-    follower = _Follower(system, drive, rule or Equilibria(system), step_m, past_stops, cap_N, tuple(clearances))
-    return follower.path()
-
-
-def state_between(path: Path, index: int, fraction: float) -> Reals:
-    """State (size,) that share of the way from point `index` to the next, solved anew; NaN if it cannot be."""
-    before, after = path.w[index], path.w[index + 1]
-    found = _between(path.rule, path.segments[index], before, after, fraction, path.at_stop[index])
-    state: Reals = found.w[0] if found.converged[0] else np.full(before.size, np.nan)
-    return state
-
-
-def first_crossing(path: Path, margin: Callable[[Reals], Reals], start: int = 0) -> tuple[int, Reals] | None:
-    """First place at or after point `start` where `margin` (B, size) → (B,) is ≥ 0, and stays so to the next point.
-
-    The index of the point before it and the state (size,), found to rounding; None if there is none. A margin that
-    is NaN counts as negative.
-    """
-    values = np.nan_to_num(margin(path.w), nan=-1.0)
-    reached = np.flatnonzero(values[start:] >= 0)
-    if reached.size == 0:
-        return None
-    first = start + int(reached[0])
-    if first == start:
-        return first, path.w[first]
-
-    def at(fraction: float) -> float:
-        return float(np.nan_to_num(margin(state_between(path, first - 1, fraction)[None])[0], nan=-1.0))
-
-    if at(0.0) >= 0:
-        return first - 1, path.w[first - 1]
-    share = float(brentq(at, 0.0, 1.0, xtol=1e-13)) if at(1.0) >= 0 else 1.0
-    return first - 1, state_between(path, first - 1, share)
+    path = _Follower(system, drive, rule or Equilibria(system), step_m, past_stops, cap_N).path()
+    return _interrupted(path, clearances)
 
 
 @dataclass
@@ -224,7 +101,6 @@ class _Follower:
     step_m: float
     past_stops: bool
     load_cap_N: float
-    clearances: tuple[Gap, ...]
 
     def __post_init__(self) -> None:
         system = self.system
@@ -290,7 +166,7 @@ class _Follower:
                     continue
                 guess = w + self.share * length * slope
                 target = drive.rows @ w + [self.share * length, 0.0]
-                states = self.rule.solve(w, _pressed(guess, held), drive, target)
+                states = self.rule.solve(w, pressed(guess, held), drive, target)
                 if self._accepted(w, guess, held, states):
                     self.share = min(1.0, 1.5 * self.share)
                     return drive, states
@@ -335,8 +211,7 @@ class _Follower:
 
     def _ended(self, before: Reals, after: Reals, drive: Drive, held: Reals) -> tuple[Reals, str] | None:
         """State and name of the first event on the way that ends the path, if one does."""
-        margins: list[tuple[str, Callable[[Reals], Reals]]] = [(event.name, event.inside) for event in self.ends]
-        margins += [(gap.name, gap.at) for gap in self.clearances]
+        margins = [(event.name, event.inside) for event in self.ends]
         found = []
         for name, margin in margins:
             if float(margin(after[None])[0]) >= -1e-9:
@@ -345,23 +220,40 @@ class _Follower:
                 return before, name
 
             def inside(fraction: float, margin: Callable[[Reals], Reals] = margin) -> float:
-                return float(margin(_between(self.rule, drive, before, after, fraction, held).w)[0])
+                return float(margin(between(self.rule, drive, before, after, fraction, held).w)[0])
 
             share = float(brentq(inside, 0.0, 1.0, xtol=1e-12)) if inside(1.0) < 0 < inside(0.0) else 0.0
             found.append((share, name))
         if not found:
             return None
         share, name = min(found, key=lambda item: round(item[0], 6))  # right before left, where both end together
-        return _between(self.rule, drive, before, after, share, held).w[0], name
+        return between(self.rule, drive, before, after, share, held).w[0], name
 
 
-def _pressed(guess: Reals, held: Reals) -> Reals:
-    """The guess with joints that are at a stop a little beyond it, so that the solver begins with them held."""
-    pressed = guess.copy()
-    pressed[: held.size] += BEYOND_STOP_RAD * held
-    return pressed
+def _interrupted(path: Path, clearances: Sequence[Gap]) -> Path:
+    """The path up to where the first of the clearances closes. Errors: MechanicsError if one is closed from the
+    beginning."""
+    found = []
+    for gap in clearances:
+        closed = np.flatnonzero(gap.at(path.w) < -ROUNDING)
+        if closed.size:
+            found.append((int(closed[0]), gap))
+    if not found:
+        return path
+    last = min(index for index, _ in found)
+    if last == 0:
+        name = next(gap.name for index, gap in found if index == 0)
+        raise MechanicsError("object", f"at first contact, {name}.", help="Take another object, or another placement.")
+    shares = [(_closing_share(path, last - 1, gap), gap.name) for index, gap in found if index == last]
+    share, name = min(shares, key=lambda item: round(item[0], 6))
+    w = np.vstack([path.w[:last], state_between(path, last - 1, share)])
+    at_stop = path.at_stop[[*range(last), last - 1]]
+    stability = path.stability[[*range(last), last - 1]]
+    return replace(path, w=w, at_stop=at_stop, stability=stability, segments=path.segments[:last], end=name)
 
 
-def _between(rule: Rule, drive: Drive, before: Reals, after: Reals, fraction: float, held: Reals) -> States:
-    mixed: Reals = before + fraction * (after - before)
-    return rule.solve(before, _pressed(mixed, held), drive, drive.rows @ mixed)
+def _closing_share(path: Path, index: int, gap: Gap) -> float:
+    def at(share: float) -> float:
+        return float(gap.at(state_between(path, index, share)[None])[0])
+
+    return float(brentq(at, 0.0, 1.0, xtol=1e-12)) if at(0.0) > 0 > at(1.0) else 0.0
