@@ -26,6 +26,8 @@ __all__ = ["ConstraintJet", "RollingContact", "rolling_contact"]
 
 CORNER_M = 1e-5
 """A contact nearer than this to the end of a side is one on a corner."""
+TOUCHING_M = 1e-8
+"""A gap or overlap larger than this is no contact."""
 FLAT_RAD = 1e-6
 """A pad that leans by less lies on the side."""
 
@@ -34,14 +36,27 @@ def rolling_contact(
     finger: FingerModel, shape: Shape, q: Reals, pose: Reals, outline_angle_rad: float = 0.0
 ) -> RollingContact:
     """Contact of `finger` on `shape`, turned by `outline_angle_rad` in the object's axes, that starts rolling at
-    coordinates `q` (n,) and object pose `pose` (3,). Errors: MechanicsError for contacts on a corner or a surface."""
+    coordinates `q` (n,) and object pose `pose` (3,).
+
+    Errors: MechanicsError for contacts on a corner or a surface, and where the two do not touch.
+    """
     pad_length_m = 0.0 if finger.pad is None else finger.pad.length_m
+    contact: ArcOnRound | ArcOnSide | TipOnRound
     if isinstance(shape, Flat):
-        return _on_side(finger, shape, q, pose, outline_angle_rad, pad_length_m)
-    arc = ArcOnRound(finger, shape.support, outline_angle_rad)
-    if pad_length_m == 0:
-        return arc.starting_at(q, pose)
-    return TipOnRound(arc, PadOnRound(finger, shape.support, outline_angle_rad), pad_length_m).starting_at(q, pose)
+        contact = _on_side(finger, shape, q, pose, outline_angle_rad, pad_length_m)
+    else:
+        contact = ArcOnRound(finger, shape.support, outline_angle_rad)
+        if pad_length_m > 0:
+            contact = TipOnRound(contact, PadOnRound(finger, shape.support, outline_angle_rad), pad_length_m)
+    contact = contact.starting_at(q, pose)
+    apart_m = float(contact.at(q[None], pose[None]).value[0, 0])
+    if not abs(apart_m) < TOUCHING_M:
+        raise MechanicsError(
+            "outline_angle_rad",
+            f"fingertip and object are {apart_m * 1e6:.3g} µm apart where rolling should begin.",
+            help="Give joints, object pose and outline angle of one first contact.",
+        )
+    return contact
 
 
 def _on_side(
@@ -61,7 +76,7 @@ def _on_side(
             finger,
             float(facing_pad(finger, outline_angle_rad).angle_at(q[None], pose[None])[0]) - contact.side.angle_rad,
         )
-    return contact.starting_at(q, pose)
+    return contact
 
 
 def refuse_flat_pad(finger: FingerModel, past_side_rad: float) -> None:

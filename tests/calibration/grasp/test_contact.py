@@ -236,3 +236,11 @@ def test_contacts_on_corners_and_surfaces_are_refused() -> None:
     facing = math.pi + finger.angle_rad + float(q @ finger.angle_row) + math.pi / 2 - 0.3
     with pytest.raises(MechanicsError, match="corner"):
         rolling_contact(finger, Rectangle(0.02, 0.02), q, pose, facing + math.pi / 4)
+
+
+def test_rolling_begins_in_contact_only() -> None:
+    """A pose or a turn that is not that of first contact is refused with the gap that it leaves."""
+    finger = fingers(0.0105)[0]
+    _, q, pose = touching(finger, PEAR, 0.3, 0.5)
+    with pytest.raises(MechanicsError, match="µm apart where rolling should begin"):
+        rolling_contact(finger, PEAR, q, pose, 0.51)
