@@ -22,7 +22,8 @@ from calibration.objects.shapes import Disc, Polygon, Rectangle, Shape, Sphere
 SIDES = ("right", "left")
 PHALANGES = ("proximal", "distal")
 ROUNDING_M = 1e-12
-ROUNDING_N = 1e-9
+CONE_N = 1e-6
+"""A cone is left from here on; a place on a path where it just holds is found to this."""
 ROUNDING_RAD = 1e-9
 SURFACE_M = 1e-9
 """A contact or clearance is violated from here on."""
@@ -53,6 +54,16 @@ def gaps(system: GraspSystem) -> list[Gap]:
     return found
 
 
+def contact_margins(system: GraspSystem) -> list[Gap]:
+    """Distances of both contacts from what ends their kind: the far end of a pad, the end of a side, …"""
+    first = system.first_state()[None]
+    return [
+        Gap(f"{SIDES[side]} contact at {name}", _feature(system, side, name))
+        for side, (contact, part) in enumerate(zip(system.contacts, system.parts, strict=True))
+        for name in contact.features(first[:, part], first[:, system.joints : system.unknowns])
+    ]
+
+
 @dataclass(frozen=True)
 class RobotHandConstraints:
     """All of (8)–(12) at one state, with numbers: margins are ≥ 0 where a constraint holds."""
@@ -72,7 +83,7 @@ class RobotHandConstraints:
         found = [
             f"{side} contact outside its friction cone"
             for side, margin in zip(SIDES, self.cone_margin_N, strict=True)
-            if margin < -ROUNDING_N
+            if margin < -CONE_N
         ]
         found += [
             f"{name} joint beyond its limit" for name, gap in self.joint_margin_rad.items() if gap < -ROUNDING_RAD
@@ -146,6 +157,15 @@ def _placed(link: LinkModel, q: Reals, corners_m: list[tuple[float, float]], rad
     centres = link.root.at(q).value[:, None] + axis[:, None] * local
     order = slice(None) if link.inner_side > 0 else slice(None, None, -1)
     return Hull(centres[:, order], np.array(radii_m)[order])
+
+
+def _feature(system: GraspSystem, side: int, name: str) -> Callable[[Reals], Reals]:
+    contact, part = system.contacts[side], system.parts[side]
+
+    def at(w: Reals) -> Reals:
+        return contact.features(w[:, part], w[:, system.joints : system.unknowns])[name]
+
+    return at
 
 
 def _between(system: GraspSystem, first: tuple[int, int], second: tuple[int, int]) -> Callable[[Reals], Reals]:

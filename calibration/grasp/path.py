@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
-from calibration.grasp.constraints import Gap
+from calibration.grasp.constraints import Gap, contact_margins
 from calibration.grasp.equilibrium import Drive, GraspSystem, States
 from calibration.grasp.path_grid import Event, events
 from calibration.grasp.path_points import (
@@ -73,7 +73,8 @@ def trace(
     clearances: Sequence[Gap] = (),
     rule: Rule | None = None,
 ) -> Path:
-    """Follow the equilibria of `system` from first contact; `clearances` end the path where one goes below zero.
+    """Follow the equilibria of `system` from first contact, until an event, the end of a side or of a pad, or one of
+    the `clearances` going below zero ends them.
 
     `step_m` is the largest winding between two points; `load_cap_N` is the system's unless another is given; `rule`
     is that of equilibria unless friction adds to it. Errors: MechanicsError for a step that is not positive, or if
@@ -88,7 +89,7 @@ def trace(
         )
     cap_N = system.load_cap_N if load_cap_N is None else load_cap_N
     path = _Follower(system, drive, rule or Equilibria(system), step_m, past_stops, cap_N).path()
-    return _interrupted(path, clearances)
+    return _interrupted(path, [*contact_margins(system), *clearances])
 
 
 @dataclass
