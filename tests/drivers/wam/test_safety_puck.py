@@ -35,7 +35,7 @@ class Rig:
     def __init__(self, firmware: int = 197) -> None:
         self.plant = Plant()
         self.wam = SimulatedWam(self.plant, load_wam_parameters(), zeroed=True, safety_firmware=firmware)
-        hub = MemoryCanHub([self.wam])
+        self.hub = hub = MemoryCanHub([self.wam])
         self.clock = VirtualClock()
         self.bus = MemoryCanBus(hub, self.clock)
         self.wam.press("activate", 0)
@@ -92,6 +92,18 @@ def test_guard_sends_zero_torques_where_idle_cannot_be_asked() -> None:
     assert "zero torques" in said
     assert "NOT confirmed" in said
     assert "E-stop" in said
+
+
+@pytest.mark.parametrize(
+    ("firmware", "motor", "head"), [(60, None, 0x89), (32, None, 0x8A), (190, 60, 0x89), (60, 200, 0xAA)]
+)
+def test_guard_speaks_the_motors_firmware(firmware: int, motor: int | None, head: int) -> None:
+    """Protects old arms: zero torques under the number that T has there (reference 3.1), not under 42."""
+    rig = Rig()
+    listener = MemoryCanBus(rig.hub, VirtualClock())
+    Guard(rig.bus, rig.clock, firmware, motor).idle_arm()
+    frames = [frame for _, frame in listener.inbox if frame.identifier in (0x401, 0x402)]
+    assert [frame.data[0] for frame in frames] == [head, head]
 
 
 def test_guard_is_not_fooled_by_old_replies() -> None:

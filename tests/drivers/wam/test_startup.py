@@ -295,6 +295,7 @@ def test_a_motor_that_applies_less_torque_limits_the_driver(make_arm: MakeArm) -
     assert int.from_bytes(arm.heard[0][2][-2:], "big") & 0x3FFF == 100
 
 
+@pytest.mark.slow
 def test_no_single_lost_frame_spoils_a_start(make_arm: MakeArm) -> None:
     """Law: whichever one frame of the host gets lost, start-up from the boot monitor ends with the same arm."""
     arm = make_arm()
