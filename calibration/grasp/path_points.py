@@ -19,6 +19,7 @@ PathDrive = Literal["excursion", "load", "spool"]
 
 NO_EQUILIBRIUM = "no equilibrium beyond it"
 BEYOND_STOP_RAD = 1e-6
+LEAST_SHARE = 0.01
 
 
 class Rule(Protocol):
@@ -141,7 +142,7 @@ def state_between(path: Path, index: int, fraction: float) -> Reals:
 
 
 def first_crossing(path: Path, margin: Callable[[Reals], Reals], start: int = 0) -> tuple[int, Reals] | None:
-    """First place at or after point `start` where `margin` (B, size) → (B,) is ≥ 0, and stays so to the next point.
+    """First place at or after point `start` where `margin` (B, size) → (B,) is ≥ 0.
 
     The index of the point before it and the state (size,), found to rounding; None if there is none. A margin that
     is NaN counts as negative.
@@ -157,9 +158,8 @@ def first_crossing(path: Path, margin: Callable[[Reals], Reals], start: int = 0)
     def at(fraction: float) -> float:
         return float(np.nan_to_num(margin(state_between(path, first - 1, fraction)[None])[0], nan=-1.0))
 
-    if at(0.0) >= 0:
-        return first - 1, path.w[first - 1]
-    share = float(brentq(at, 0.0, 1.0, xtol=1e-13)) if at(1.0) >= 0 else 1.0
+    least = 0.0 if at(0.0) < 0 else LEAST_SHARE  # friction does not act yet where nothing has moved
+    share = least if at(least) >= 0 else float(brentq(at, least, 1.0, xtol=1e-13)) if at(1.0) >= 0 else 1.0
     return first - 1, state_between(path, first - 1, share)
 
 
