@@ -27,6 +27,7 @@ MM = 1e3
 OUTLINE_POINTS = 240
 FLEXURE_POINTS = 24
 ARROW: dict[str, Any] = {"arrowstyle": "-|>", "mutation_scale": 9, "lw": 1.6, "shrinkA": 0, "shrinkB": 0}
+PALM = "#e6e6e6"
 PALM_DEPTH_M = 0.022
 PALM_MARGIN_M = 0.012
 
@@ -77,7 +78,7 @@ def draw_hand(
 ) -> None:  # fmt: skip
     """Palm and both fingers at coordinates `q` (right, left)."""
     roots = [complex(finger.links[0].root.origin) for finger in fingers]
-    _fill(axes, frame.of(_palm(roots[0].real, roots[1].real)), look, "#e6e6e6")
+    _fill(axes, frame.of(_palm(roots[0].real, roots[1].real)), look, PALM if look.phalanx != "none" else "none")
     for finger, coordinates in zip(fingers, q, strict=True):
         for joint in (0, 1):
             curve = frame.of(joint_curve(finger, joint, coordinates))
@@ -116,13 +117,21 @@ def draw_forces(
     axes: Axes, system: GraspSystem, w: Reals, mm_per_N: float, colour: str = RED, frame: PlanarPose = HERE
 ) -> None:
     """Contact forces on the object as arrows that end at the contacts."""
+    for begin, end in zip(*force_arrows(system, w, mm_per_N, frame), strict=True):
+        arrow = FancyArrowPatch((begin.real, begin.imag), (end.real, end.imag), **ARROW, color=colour, zorder=8)
+        axes.add_patch(arrow)
+
+
+def force_arrows(
+    system: GraspSystem, w: Reals, mm_per_N: float, frame: PlanarPose = HERE
+) -> tuple[Complexes, Complexes]:
+    """Where arrows of the contact forces begin and end in the picture, (2,) mm each, right and left."""
     components = system.contact_rows() @ w
     points, normals = contact_frames(system, w)
     forces = (components[::2] + 1j * components[1::2]) * normals * np.exp(1j * frame.angle_rad)
-    for end, force in zip(frame.of(points) * MM, forces * mm_per_N, strict=True):
-        begin = end - force
-        arrow = FancyArrowPatch((begin.real, begin.imag), (end.real, end.imag), **ARROW, color=colour, zorder=8)
-        axes.add_patch(arrow)
+    ends: Complexes = frame.of(points) * MM
+    begins: Complexes = ends - forces * mm_per_N
+    return begins, ends
 
 
 def draw_path(axes: Axes, poses: Reals, colour: str = GREEN, frame: PlanarPose = HERE) -> None:
