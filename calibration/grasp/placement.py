@@ -27,8 +27,8 @@ from calibration.hand.finger import FingerModel, Reals
 from calibration.objects.chord import ChordEnd
 from drivers.errors import MechanicsError
 
-SAMPLED_LOADS = 400
-"""Loads at which free closing is sampled for the first contact: less than 1° of joint motion apart."""
+SAMPLED_LOADS = 160
+"""Loads at which free closing is sampled for the first contact: about 2° of joint motion apart."""
 SIDES = ("right", "left")
 ARC, PAD = False, True
 
@@ -128,7 +128,8 @@ def placed(
 
     `pads_roll`: the outline is round there, so that a flat pad may touch it; on flat sides only arcs are sought.
     """
-    path = path_of(fingers, np.linspace(0.0, cap_N, SAMPLED_LOADS + 1), grasp.onset_split)
+    last_N = _last_moving_load_N(fingers, grasp.onset_split, cap_N)
+    path = path_of(fingers, np.linspace(0.0, last_N, SAMPLED_LOADS + 1), grasp.onset_split)
     arcs = _Closing(fingers, ends, grasp.onset_split, (ARC, ARC))
     touching = [(load, arcs) for load in _roots(arcs, path)]
     refused = bool(touching)
@@ -158,6 +159,18 @@ def placed(
         )
     ]
     return Placement(load, joints, (centres[0] + centres[1]) / 2, chi)
+
+
+def _last_moving_load_N(fingers: tuple[FingerModel, FingerModel], onset_split: float, cap_N: float) -> float:
+    """A mean load up to `cap_N`, less than twice the one at which the last joint meets its stop."""
+    load_N = cap_N
+    for _ in range(20):
+        half = path_of(fingers, np.array([load_N / 2]), onset_split).joint_rad
+        moving = [(q[0] < finger.upper_rad)[list(finger.joint_index)] for finger, q in zip(fingers, half, strict=True)]
+        if np.any(moving):
+            break
+        load_N /= 2
+    return load_N
 
 
 def _roots(closing: _Closing, path: ClosingPath) -> list[float]:
