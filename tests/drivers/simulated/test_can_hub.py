@@ -1,16 +1,18 @@
-"""The simulated wire against the worked lengths of the WAM reference 5.1, arbitration, and the hub on virtual time."""
+"""The hub on virtual time: arrivals, broadcast, priorities, and the reference's whole cycle."""
 
 from __future__ import annotations
 
+import errno
+from collections.abc import Callable
+from typing import Any
+
 import can
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from drivers.clock import VirtualClock
 from drivers.errors import BusError
 from drivers.simulated.can_hub import MemoryCanBus, MemoryCanHub
-from drivers.simulated.can_wire import CanWire, Frame, TimedFrame, frame_bits
+from drivers.simulated.can_wire import Frame, TimedFrame, frame_bits
 
 
 def _frame(identifier: int, data: str = "") -> can.Message:
@@ -35,44 +37,6 @@ class Echo:
 
     def tick(self, now_ns: int) -> list[TimedFrame]:
         return []
-
-
-@pytest.mark.parametrize(
-    ("identifier", "data", "bits"),
-    [
-        (0x404, "30", 58),
-        (0x423, "000000", 78),
-        (0x443, "3F701F", 76),
-        (0x463, "008FE0", 76),
-        (0x483, "3F7088", 74),
-        (0x4A3, "000000", 77),
-        (0x4C3, "000000", 77),
-        (0x4E3, "000000", 77),
-        (0x401, "AA000031FF48C292", 116),
-        (0x402, "AA00E7FA20000000", 120),
-    ],
-)
-def test_frame_lengths_of_the_reference(identifier: int, data: str, bits: int) -> None:
-    """Protects the wire times: 829 bit times for the reference's cycle, stuff bits and CRC included."""
-    assert frame_bits(identifier, bytes.fromhex(data)) == bits
-
-
-@given(identifier=st.integers(0, 0x7FF), data=st.binary(max_size=8))
-def test_frame_length_is_within_the_standard_bounds(identifier: int, data: bytes) -> None:
-    """Law: 47 + 8 n bits and at most a stuff bit for every four of the rest."""
-    bits = frame_bits(identifier, data)
-    assert 47 + 8 * len(data) <= bits <= 47 + 8 * len(data) + (33 + 8 * len(data)) // 4
-
-
-def test_lowest_identifier_wins_among_those_that_wait() -> None:
-    """Protects arbitration: a frame in progress finishes, then priority counts, not order of arrival."""
-    wire = CanWire()
-    for ready_ns, identifier in ((0, 0x7FF), (10, 0x423), (20, 0x401), (10_000_000, 0x001)):
-        wire.offer(ready_ns, Frame(identifier, b""), None)
-    frames = [wire.take() for _ in range(4)]
-    assert [carried.frame.identifier for carried in frames] == [0x7FF, 0x401, 0x423, 0x001]
-    assert frames[1].start_ns == frames[0].end_ns
-    assert frames[3].start_ns == 10_000_000
 
 
 def test_reply_arrives_when_the_wire_has_delivered_it() -> None:
@@ -134,3 +98,35 @@ def test_what_is_no_standard_data_frame_is_refused() -> None:
         bus.send(_frame(1))
     with pytest.raises(BusError):
         bus.receive(0)
+
+
+def test_the_references_cycle_takes_829_bits(talk: Callable[..., Any]) -> None:
+    """Protects bus load and reply times: every frame of the table in 5.1, back to back but for the pucks' 17 µs."""
+    arm = talk()
+    hub, clock = MemoryCanHub([arm.wam]), VirtualClock()
+    host, listener = MemoryCanBus(hub, clock), MemoryCanBus(hub, VirtualClock())
+    for text in ("404#30", "401#AA000031FF48C292", "402#AA00E7FA20000000"):
+        identifier, data = text.split("#")
+        host.send(_frame(int(identifier, 16), data))
+        clock.advance_to_ns(602_000 + 8_000)
+    hub.step(2_000_000)
+    bits = [58, 78, 76, 76, 74, 77, 77, 77, 116, 120]
+    expected_ns = [sum(bits[: place + 1]) * 1000 + 17_000 * (place > 0) for place in range(10)]
+    assert [arrival_ns for arrival_ns, _ in listener.inbox] == expected_ns
+    assert sum(bits) == 829
+
+
+def test_a_full_transmit_queue_refuses_as_socketcan_does() -> None:
+    """Protects against torques that pile up behind a busy wire: the eleventh frame that waits is ENOBUFS."""
+    hub, clock = MemoryCanHub([]), VirtualClock()
+    for _ in range(30):  # three milliseconds of a more urgent host
+        MemoryCanBus(hub, VirtualClock()).send(_frame(0x001, "0000000000000000"))
+    host = MemoryCanBus(hub, clock)
+    for _ in range(10):
+        host.send(_frame(0x401, "AA00000000000000"))
+    with pytest.raises(BusError) as refused:
+        host.send(_frame(0x401, "AA00000000000000"))
+    assert isinstance(refused.value.__cause__, can.CanOperationError)
+    assert refused.value.__cause__.error_code == errno.ENOBUFS
+    clock.advance_to_ns(4_000_000)
+    host.send(_frame(0x401, "AA00000000000000"))
