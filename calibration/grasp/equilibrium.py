@@ -110,7 +110,7 @@ def grasp_system(
     start = first_contact(hand, grasped, grasp)
     fingers = finger_models(hand)
     right, left = (
-        rolling_contact(finger, grasped.shape, q, start.object_pose)
+        rolling_contact(finger, grasped.shape, q, start.object_pose, start.outline_angle_rad)
         for finger, q in zip(fingers, start.finger_joint_rad, strict=True)
     )
     cap_N = hand.load_cap_N if grasp.load_cap_N is None else min(hand.load_cap_N, grasp.load_cap_N)
