@@ -61,6 +61,8 @@ KINK = 3.0
 """Where joints meet or leave a stop, a step may be this many times as long as predicted; a jump to another solution
 is longer."""
 ROUNDING = 1e-9
+LOOK_EVERY = 8
+"""Points after which the clearances are looked at, many at once; where one has closed is found afterwards."""
 
 
 def trace(
@@ -88,8 +90,9 @@ def trace(
             f"{load_cap_N!r} N is not above the load at first contact, {system.start.tendon_load_N.max():.2f} N.",
         )
     cap_N = system.load_cap_N if load_cap_N is None else load_cap_N
-    path = _Follower(system, drive, rule or Equilibria(system), step_m, past_stops, cap_N).path()
-    return _interrupted(path, [*contact_margins(system), *clearances])
+    margins = (*contact_margins(system), *clearances)
+    path = _Follower(system, drive, rule or Equilibria(system), step_m, past_stops, cap_N, margins).path()
+    return _interrupted(path, margins)
 
 
 @dataclass
@@ -102,6 +105,7 @@ class _Follower:
     step_m: float
     past_stops: bool
     load_cap_N: float
+    clearances: tuple[Gap, ...]
 
     def __post_init__(self) -> None:
         system = self.system
@@ -149,12 +153,17 @@ class _Follower:
             stops.append(active)
             segments.append(drive)
             w, held = after, active
+            if len(points) % LOOK_EVERY == 0 and self._closed(np.array(points[-LOOK_EVERY:])):
+                break
         if len(points) < 2:
             raise MechanicsError("grasp", "there is no equilibrium beyond first contact.")
         states_w, at_stop = np.array(points), np.array(stops)
         by_load = self.kind == "load"
         stability = load_stability(system, states_w, at_stop) if by_load else system.stability(states_w, at_stop)
         return Path(system, self.kind, states_w, at_stop, stability, tuple(segments), self.rule, end)
+
+    def _closed(self, w: Reals) -> bool:
+        return any(bool((gap.at(w) < -ROUNDING).any()) for gap in self.clearances)
 
     def _advanced(self, w: Reals, last: Reals | None, held: Reals) -> tuple[Drive, States] | None:
         """The next solution along the path, as far as the step that succeeds."""
