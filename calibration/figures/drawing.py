@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.patches import Circle, FancyArrowPatch, Polygon
 
 from calibration.figures.style import BLACK, BLUE, GREEN, GREY, RED, SKY
@@ -24,7 +25,8 @@ from calibration.hand.joints import flexure_angles
 from calibration.objects.shapes import Shape
 
 MM = 1e3
-OUTLINE_POINTS = 240
+OUTLINE_POINTS = 120
+SAME_M = 1e-9
 FLEXURE_POINTS = 24
 ARROW: dict[str, Any] = {"arrowstyle": "-|>", "mutation_scale": 9, "lw": 1.6, "shrinkA": 0, "shrinkB": 0}
 PALM = "#e6e6e6"
@@ -171,7 +173,8 @@ def phalanx_outline(finger: FingerModel, phalanx: int, q: Reals) -> Complexes:
     turns = np.exp(2j * np.pi * np.arange(OUTLINE_POINTS) / OUTLINE_POINTS)
     reach = (hull.centres[0] * turns.conj()[:, None]).real + hull.radii_m
     farthest = np.argmax(reach, axis=1)
-    outline: Complexes = hull.centres[0][farthest] + hull.radii_m[farthest] * turns
+    points: Complexes = hull.centres[0][farthest] + hull.radii_m[farthest] * turns
+    outline: Complexes = points[np.abs(points - np.roll(points, 1)) > SAME_M]
     return outline
 
 
@@ -211,16 +214,16 @@ def _palm(right: float, left: float) -> Complexes:
 def _fill(
     axes: Axes, points: Complexes, look: Look, face: str, edge: str | None = None, alpha: float | None = None
 ) -> None:
-    style = (0, (3, 2)) if look.dashed else "-"
+    corners = np.column_stack([points.real, points.imag]) * MM
+    transparency = look.alpha if alpha is None else alpha
     axes.add_patch(
         Polygon(
-            np.column_stack([points.real, points.imag]) * MM, closed=True, fc=face, ec="none",
-            alpha=look.alpha if alpha is None else alpha, zorder=2,
+            corners,
+            closed=True,
+            fc="none" if face == "none" else to_rgba(face, transparency),
+            ec=to_rgba(edge or look.edge, look.alpha),
+            lw=1.1 * look.line,
+            ls=(0, (3, 2)) if look.dashed else "-",
+            zorder=2,
         )
-    )  # fmt: skip
-    axes.add_patch(
-        Polygon(
-            np.column_stack([points.real, points.imag]) * MM, closed=True, fc="none", ec=edge or look.edge,
-            lw=1.1 * look.line, ls=style, alpha=look.alpha, zorder=3,
-        )
-    )  # fmt: skip
+    )

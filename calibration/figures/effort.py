@@ -8,7 +8,6 @@ from matplotlib.axes import Axes
 
 from calibration.figures.drawing import GHOST, MM, as_picture, draw_forces, draw_path, draw_state
 from calibration.figures.paper_figure import PaperFigure
-from calibration.figures.squeezing import up_to_load
 from calibration.figures.style import BLACK, new_figure
 from calibration.grasp.constraints import gaps
 from calibration.grasp.equilibrium import GraspSystem, grasp_system
@@ -83,8 +82,7 @@ def _shown(name: str, load_N: float) -> dict[str, Shown]:
 
 def _squeezed(system: GraspSystem, load_N: float, *, on_table: bool) -> Path:
     rule = OnTable(system, sliding(system.object)) if on_table else None
-    path = trace(system, step_m=STEP_M, clearances=gaps(system), rule=rule)
-    return up_to_load(path, load_N)
+    return trace(system, step_m=STEP_M, clearances=gaps(system), rule=rule, load_cap_N=load_N)
 
 
 def _draw(axes: Axes, shown: Shown, title: str, printed_mm: str) -> None:

@@ -6,7 +6,6 @@ from msgspec.structs import replace
 
 from calibration.figures.drawing import GHOST, MM, as_picture, draw_path, draw_state
 from calibration.figures.paper_figure import PaperFigure
-from calibration.figures.squeezing import up_to_load
 from calibration.figures.style import BLUE, ORANGE, as_curves, new_figure
 from calibration.grasp.equilibrium import GraspSystem, grasp_system
 from calibration.grasp.friction import OnTable, sliding
@@ -91,6 +90,6 @@ def _system(hand: Hand) -> GraspSystem:
 
 
 def _dragged(system: GraspSystem, weight_g: float, load_N: float) -> Path:
-    """Squeezed on the table up to a mean load; an object without weight does not drag."""
+    """Squeezed on the table up to a load of both tendons; an object without weight does not drag."""
     rule = OnTable(system, sliding(system.object, weight_g / 1e3))
-    return up_to_load(trace(system, step_m=STEP_M, past_stops=False, rule=rule, load_cap_N=1.02 * load_N), load_N)
+    return trace(system, step_m=STEP_M, past_stops=False, rule=rule, load_cap_N=load_N)

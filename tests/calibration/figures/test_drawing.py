@@ -71,7 +71,7 @@ def test_a_phalanx_ends_at_the_finger_s_end() -> None:
     outline = phalanx_outline(finger, 1, q)
     centre = complex(finger.tip.at(q[None]).value[0])
     along = np.exp(1j * (finger.angle_rad + finger.angle_row @ q))
-    assert ((outline - centre) / along).real.max() == pytest.approx(finger.tip_radius_m, abs=1e-6)
+    assert ((outline - centre) / along).real.max() == pytest.approx(finger.tip_radius_m, abs=1e-5)
 
 
 @pytest.fixture(scope="module")
