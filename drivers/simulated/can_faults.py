@@ -98,6 +98,8 @@ class CanFaults:
         """Time, frame and sender: the device, or a `FloodSource`."""
         self.to_hosts: list[TimedFrame] = []
         """Error frames, for all hosts."""
+        self.times_unplugged = 0
+        """An adapter that was unplugged is another when it is back: buses that were open stay dead."""
         self.lost_queue = False
         """The adapter has left the bus: frames of hosts that wait in its queue are to be forgotten."""
         self.struck = 0
@@ -196,6 +198,7 @@ class CanFaults:
                 self._full += 1
             case Unplug():
                 self._unplugged += 1
+                self.times_unplugged += 1
                 self.lost_queue = True
             case _:
                 self._device_sends(self._device.begin_fault(action, now_ns))

@@ -49,7 +49,7 @@ class MemoryCanHub:
         self._segment.transmit(frames, device)
 
     def _join(self, client: MemoryCanBus) -> None:
-        if self._unplugged():
+        if self._segment.faults is not None and self._segment.faults.unplugged:
             raise BusError("simulated CAN", "there is no adapter.", help="Plug it in.")
         self._clients.append(client)
 
@@ -57,9 +57,9 @@ class MemoryCanHub:
         if client in self._clients:
             self._clients.remove(client)
 
-    def _unplugged(self) -> bool:
+    def _times_unplugged(self) -> int:
         faults = self._segment.faults
-        return faults is not None and faults.unplugged
+        return 0 if faults is None else faults.times_unplugged
 
     def _send(self, frame: Frame, client: MemoryCanBus, now_ns: int) -> None:
         segment = self._segment
@@ -87,7 +87,8 @@ class MemoryCanHub:
 class MemoryCanBus:
     """A client of a `MemoryCanHub`, for a part with its own virtual clock; implements drivers.wam.bus.CanBus.
 
-    BusError from opening, sending and receiving if a fault script has unplugged the adapter.
+    BusError from opening, sending and receiving if a fault script has unplugged the adapter; when it is back, the bus
+    has to be opened again.
     """
 
     def __init__(self, hub: MemoryCanHub, clock: VirtualClock) -> None:
@@ -97,6 +98,7 @@ class MemoryCanBus:
         self.inbox: deque[tuple[int, Frame]] = deque()
         """Arrival time and frame, filled by the hub."""
         hub._join(self)
+        self._adapter = hub._times_unplugged()
 
     def send(self, message: can.Message) -> None:
         """Put a standard data frame on the wire now. BusError if it is no such frame, or is not taken."""
@@ -144,5 +146,5 @@ class MemoryCanBus:
     def _check(self) -> None:
         if self._closed:
             raise BusError("simulated CAN", "the bus is closed.", help="Open it again.")
-        if self._hub._unplugged():
+        if self._hub._times_unplugged() != self._adapter:
             raise BusError("simulated CAN", "the adapter is gone.", help="Plug it in and open the bus again.")

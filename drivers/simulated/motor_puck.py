@@ -102,10 +102,10 @@ class MotorPuck(Puck):
 
     # --- torque
 
-    def take_torque(self, group: int, number: int, values: tuple[int, int, int, int]) -> bool:
-        """Obey a packed torque frame, if it is for this puck and it is in torque mode: hold it until the next."""
+    def take_torque(self, number: int, values: tuple[int, int, int, int]) -> bool:
+        """Obey a packed torque frame that it hears, if it is in torque mode: hold it until the next."""
         place = self.values["PIDX"]
-        if number != self.number("T") or group not in self.groups() or not 1 <= place <= 4 or not self.driving:
+        if number != self.number("T") or not 1 <= place <= 4 or not self.driving:
             return False
         limit = abs(self.values["MT"])
         self.torque_units = max(-limit, min(limit, values[place - 1]))

@@ -49,14 +49,15 @@ class Puck:
         self._stored = dict(self._factory)
         self.values = dict(self._factory)
         """Properties of the main firmware, by name."""
-        self._silent_until_ns = 0
+        self.silent_until_ns = 0
+        """Until then it starts, and hears nothing."""
         self._set_ns: int | None = None
 
     # --- addressing
 
     def hears(self, now_ns: int, group: int | None) -> bool:
         """Whether a frame to this node (`group` None) or to a group reaches it; the boot monitor knows group 0 only."""
-        if not self.powered or now_ns < self._silent_until_ns:
+        if not self.powered or now_ns < self.silent_until_ns:
             return False
         return group is None or group in ((_ALL_MOTORS,) if self.in_monitor else self.groups())
 
@@ -66,7 +67,7 @@ class Puck:
 
     def is_waking(self, now_ns: int) -> bool:
         """Whether it starts its firmware, or gets its power back, and hears nothing."""
-        return self.powered and now_ns < self._silent_until_ns
+        return self.powered and now_ns < self.silent_until_ns
 
     def name(self, number: int) -> str | None:
         """Property of that number as things stand, None if there is none."""
@@ -118,14 +119,14 @@ class Puck:
         if on and not self.powered:
             self.in_monitor = True
             self.values = dict(self._stored)
-            self._silent_until_ns = now_ns + starts_after_ns
+            self.silent_until_ns = now_ns + starts_after_ns
         self.powered = on
 
     def _start_or_reset(self, value: int, now_ns: int) -> None:
         if value == STATUS_READY and self.in_monitor:
             self.in_monitor = False
             self.values = dict(self._stored)
-            self._silent_until_ns = now_ns + WAKE_SILENCE_NS
+            self.silent_until_ns = now_ns + WAKE_SILENCE_NS
         elif value == STATUS_MONITOR:
             self.in_monitor = True
 

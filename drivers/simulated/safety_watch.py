@@ -24,6 +24,7 @@ from drivers.wam.transmission import motor_to_joint
 
 _STILL_ABOVE_NS = nanoseconds(0.5)
 _LONGEST_BETWEEN_NS = nanoseconds(0.05)
+_NEVER_NS = 1 << 62
 _RECENT_NS = nanoseconds(0.1)
 _LIMIT_UNIT = 4096  # VL: Q4.12
 _NEVER_TORQUE = 8191
@@ -76,7 +77,8 @@ class SafetyWatch:
         self._samples_above = 0
         self._above: dict[str, tuple[bool, int]] = {}
         self._recheck: dict[str, int] = {}
-        self._next_ns: int | None = None
+        self.due_ns = _NEVER_NS
+        """When `tick` has something to do."""
         self.speed = 0.0
         """The greatest that was measured in the last reading: rad/s of a joint before zeroing, then m/s."""
 
@@ -119,8 +121,6 @@ class SafetyWatch:
 
     def tick(self, now_ns: int, mode: int) -> int | None:
         """Time has passed: are pucks still alive, has a speed or torque come down after its fault?"""
-        if self._next_ns is None or now_ns < self._next_ns:
-            return None
         reaction: int | None = None
         for cause, due_ns in tuple(self._recheck.items()):
             if now_ns >= due_ns:
@@ -213,7 +213,7 @@ class SafetyWatch:
         times = list(self._recheck.values())
         if self._seen_ns:
             times.append(min(self._seen_ns.values()) + self._heartbeat_ns + 1)
-        self._next_ns = min(times, default=None)
+        self.due_ns = min(times, default=_NEVER_NS)
 
 
 def lights_value(lights: Mapping[str, Light], estop: bool) -> int:

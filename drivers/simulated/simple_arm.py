@@ -49,7 +49,8 @@ class SimpleArm:
         self._braking = self._friction + np.array(BRAKING_NMS_PER_RAD)
         self._gravity_Nm = gravity_Nm
         self._torque_Nm: NDArray[np.float64] = np.zeros(JOINTS)
-        self._damping = self._braking
+        self._brakes = True
+        self._decays: dict[tuple[int, bool], tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
         self._changes: deque[tuple[int, NDArray[np.float64], bool]] = deque()
         self._time_ns = start_ns
 
@@ -65,23 +66,30 @@ class SimpleArm:
         """Move on to `now_ns`; a time that is past does nothing."""
         while self._time_ns < now_ns:
             while self._changes and self._changes[0][0] <= self._time_ns:
-                _, self._torque_Nm, braking = self._changes.popleft()
-                self._damping = self._braking if braking else self._friction
+                _, self._torque_Nm, self._brakes = self._changes.popleft()
             until_ns = min(now_ns, self._changes[0][0]) if self._changes else now_ns
             if self._gravity_Nm is not None:
                 until_ns = min(until_ns, self._time_ns + _LONGEST_STEP_NS)
-            self._turn(seconds(until_ns - self._time_ns))
+            self._turn(until_ns - self._time_ns)
             self._time_ns = until_ns
 
-    def _turn(self, duration_s: float) -> None:
+    def _turn(self, duration_ns: int) -> None:
         """Constant torque and linear friction: speeds approach their final values exponentially."""
         torque_Nm = self._torque_Nm
         if self._gravity_Nm is not None:
             torque_Nm = torque_Nm - self._gravity_Nm(self._joint_rad)
-        final_rad_s = torque_Nm / self._damping
+        damping = self._braking if self._brakes else self._friction
+        final_rad_s = torque_Nm / damping
         excess_rad_s = self.joint_rad_s - final_rad_s
-        decay = np.exp(-duration_s * self._damping / self._inertia)
-        self._joint_rad = (
-            self._joint_rad + final_rad_s * duration_s + excess_rad_s * (1.0 - decay) * self._inertia / self._damping
-        )
+        decay, coasting_s = self._decay(duration_ns, self._brakes)
+        self._joint_rad = self._joint_rad + final_rad_s * seconds(duration_ns) + excess_rad_s * coasting_s
         self.joint_rad_s = final_rad_s + excess_rad_s * decay
+
+    def _decay(self, duration_ns: int, brakes: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Share of the excess speed that is left after a time, and the way it made, per rad/s. Times recur: kept."""
+        kept = self._decays.get((duration_ns, brakes))
+        if kept is None:
+            damping = self._braking if brakes else self._friction
+            decay = np.exp(-seconds(duration_ns) * damping / self._inertia)
+            kept = self._decays[duration_ns, brakes] = decay, (1.0 - decay) * self._inertia / damping
+        return kept

@@ -46,6 +46,7 @@ from drivers.wam.properties import (
 )
 from drivers.wam.transmission import joint_to_motor, motor_to_joint_torque
 
+_NEVER_NS = 1 << 62
 _REPLY_DELAY_NS = 17_000
 """From the end of the request to the reply's readiness: the encoders are sampled some 75 µs after its start."""
 _WAKE_PAUSE_NS = nanoseconds(0.009)
@@ -126,6 +127,9 @@ class SimulatedWam:
         self._events: list[tuple[int, str]] = []
         self._happened: set[str] = set()
         self._woken_ns: int | None = None
+        self._hearers: dict[int | None, tuple[Puck, ...]] = {}
+        self._hearing_until_ns = 0
+        self._torque_number = self._motors[0].number("T")
         self.heard: Counter[str] = Counter()
         """Frames by kind: get, set, torque, malformed, foreign; and refused_mode, unknown_property, lost_set."""
         self.silent_nodes: set[int] = {node for node, settings in special.items() if settings.silent}
@@ -152,15 +156,8 @@ class SimulatedWam:
         """Hear a frame; the answers, each with the time from which it is ready. Nothing that is heard raises."""
         frames = self.tick(now_ns)
         identifier, data = frame
-        node = sending_node(identifier)
-        if node != HOST:
-            if identifier & _TO_MASK == _POSITION_TO and GROUP_POSITION in self._safety.groups():
-                counts = reported_counts(data)
-                if counts is not None:
-                    frames += self._react(self._watch.hear_position(node, counts, now_ns, self.mode), now_ns)
-            if node not in self._node_puck:
-                self.heard["foreign"] += 1
-            return frames
+        if sending_node(identifier) != HOST:
+            return frames + self._hear_puck(identifier, data, now_ns)
         group = identifier & 0x1F if identifier & GROUP else None
         if len(data) == TORQUE_BYTES:
             return frames + self._hear_torques(group, data, now_ns)
@@ -172,8 +169,8 @@ class SimulatedWam:
         self._notice_talk(group, number, value, now_ns)
         self.heard["get" if value is None else "set"] += 1
         sampled = False
-        for puck in self._pucks:
-            if (group is None and puck.node != identifier & 0x1F) or not puck.hears(now_ns, group):
+        for puck in self._hearing(group, now_ns):
+            if group is None and puck.node != identifier & 0x1F:
                 continue
             name = puck.name(number)
             if name in _FROM_ENCODERS and not sampled:
@@ -193,7 +190,7 @@ class SimulatedWam:
 
     def tick(self, now_ns: int) -> list[TimedFrame]:
         """Watch the life signs, and what comes of faults: the safety puck may lower the mode."""
-        return self._react(self._watch.tick(now_ns, self.mode), now_ns)
+        return [] if now_ns < self._watch.due_ns else self._react(self._watch.tick(now_ns, self.mode), now_ns)
 
     # --- the operator and the power
 
@@ -216,6 +213,7 @@ class SimulatedWam:
 
     def brown_out(self, nodes: tuple[int, ...], now_ns: int, down_s: float = 0.0) -> None:
         """Motor pucks lose their power and start again, in their boot monitor, without positions."""
+        self._hearing_until_ns = 0
         for motor in self._motors:
             if motor.node in nodes and motor.powered:
                 motor.power(False, now_ns)
@@ -262,6 +260,30 @@ class SimulatedWam:
 
     # --- inside
 
+    def _hearing(self, group: int | None, now_ns: int) -> tuple[Puck, ...]:
+        """Pucks that a frame to a group, or to any node, reaches; kept until something changes that."""
+        if now_ns >= self._hearing_until_ns:
+            self._hearers.clear()
+            waking = [puck.silent_until_ns for puck in self._pucks if puck.is_waking(now_ns)]
+            self._hearing_until_ns = min(waking, default=_NEVER_NS)
+        hearers = self._hearers.get(group)
+        if hearers is None:
+            hearers = tuple(puck for puck in self._pucks if puck.hears(now_ns, group))
+            self._hearers[group] = hearers
+        return hearers
+
+    def _hear_puck(self, identifier: int, data: bytes, now_ns: int) -> list[TimedFrame]:
+        """The safety puck listens to positions, whoever sends them."""
+        node = sending_node(identifier)
+        if node not in self._node_puck:
+            self.heard["foreign"] += 1
+        if identifier & _TO_MASK != _POSITION_TO or self._safety not in self._hearing(GROUP_POSITION, now_ns):
+            return []
+        counts = reported_counts(data)
+        if counts is None:
+            return []
+        return self._react(self._watch.hear_position(node, counts, now_ns, self._safety.mode), now_ns)
+
     def _hear_torques(self, group: int | None, data: bytes, now_ns: int) -> list[TimedFrame]:
         heard = torques(data)
         if heard is None:
@@ -272,10 +294,11 @@ class SimulatedWam:
             return []
         number, values = heard
         self._tell("first_torque", now_ns)
-        taken = [motor.take_torque(group, number, values) for motor in self._motors if motor.hears(now_ns, group)]
+        hearers = self._hearing(group, now_ns)
+        taken = [puck.take_torque(number, values) for puck in hearers if isinstance(puck, MotorPuck)]
         if any(taken):
             self._drive_plant(now_ns)
-        if group not in self._safety.groups() or number != self._motors[0].number("T"):
+        if self._safety not in hearers or number != self._torque_number:
             return []
         return self._react(self._watch.hear_torques(values, now_ns, self.mode), now_ns)
 
@@ -283,6 +306,8 @@ class SimulatedWam:
         if not puck.takes_set(now_ns):
             self.heard["lost_set"] += 1
             return []
+        if name != "P":
+            self._hearing_until_ns = 0
         if name != "MODE":
             if name == "STAT" and value == STATUS_READY and puck.in_monitor:
                 self._tell("waking", now_ns)
@@ -309,6 +334,7 @@ class SimulatedWam:
 
     def _change(self, action: SetProperty, now_ns: int) -> list[TimedFrame]:
         puck = self._node_puck[action.node]
+        self._hearing_until_ns = 0
         if puck is self._safety and action.name == "MODE":
             return self._set_mode(action.value, now_ns)
         if action.name == "P":
@@ -339,6 +365,7 @@ class SimulatedWam:
 
     def _set_mode(self, mode: int, now_ns: int) -> list[TimedFrame]:
         """Change the arm's mode: power and order the motor pucks, and tell them on the bus as the real one does."""
+        self._hearing_until_ns = 0
         before = self.mode
         self._safety.set_mode(mode)
         for motor in self._motors:
