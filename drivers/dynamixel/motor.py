@@ -22,7 +22,6 @@ from drivers.dynamixel.control_tables import (
     CURRENT_BASED_POSITION_MODE,
     HARDWARE_ERROR_NAMES,
     MODELS,
-    OTHER_MODEL_NAMES,
     MotorModel,
 )
 from drivers.errors import DeviceError, ProtocolError
@@ -75,10 +74,10 @@ class TendonMotor:
     def inspect(self) -> Inspection:
         """Read who and how the motor is. DeviceError if it cannot serve as a tendon motor; writes nothing."""
         number, firmware, alert = self._bus.ping(self.motor_id)
-        if number not in MODELS:
-            known = ", ".join(f"{model.name} ({model.number})" for model in MODELS.values())
+        if number not in MODELS or CURRENT_BASED_POSITION_MODE not in MODELS[number].position_modes:
+            known = ", ".join(f"{model.name} ({model.number})" for model in MODELS.values() if model.has_current_modes)
             raise self._error(
-                f"is a {OTHER_MODEL_NAMES.get(number, 'model')} ({number}); expected {known}.",
+                f"is a {MODELS[number].name if number in MODELS else 'model'} ({number}); expected {known}.",
                 "Fit a motor of this model, or add its control table.",
             )
         self.model = MODELS[number]
@@ -89,7 +88,7 @@ class TendonMotor:
                 f"reports a hardware error: {', '.join(names) or hardware_error}.",
                 "Remove the cause, then reboot the motor; it lets go of what it holds.",
             )
-        if self._watchdog_s > 0 and firmware < self.model.watchdog_firmware:
+        if self._watchdog_s > 0 and firmware < (self.model.watchdog_firmware or 0):
             raise self._error(
                 f"has firmware {firmware}; the bus watchdog needs {self.model.watchdog_firmware}.",
                 "Update the firmware, or set the watchdog to 0.",
