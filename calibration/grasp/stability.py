@@ -167,14 +167,16 @@ def force_decomposition(
 
 
 def finger_deflection(system: GraspSystem, w: Reals) -> Reals:
-    """Δp (4,) at a state with no joint at a stop: where the fingertips would close freely to under the same tendon
-    loads, less where they are, in the contact frames, to first order in the joints' deflection; m."""
+    """Δp (4,) at a state with no joint at a stop: where the fingertips would be if the tendons' torques met the springs
+    alone, less where they are, in the contact frames, to first order in the joints' deflection; m."""
+    deflection = -w[: system.joints].copy()
     loads = system.load_rows() @ w
-    free = np.concatenate(
-        [finger.free_closing(float(load)) for finger, load in zip(system.fingers, loads, strict=True)]
-    )
-    deflection: Reals = hand_jacobian(system, w) @ (free - w[: system.joints])
-    return deflection
+    for tendon, part, shares, load in zip(
+        system.terms(w[None]).tendons, system.parts, system.tendon_shares, loads, strict=True
+    ):
+        deflection[part] += load * (shares @ tendon.gradient[0]) / system.stiffness[part]
+    moved: Reals = hand_jacobian(system, w) @ deflection
+    return moved
 
 
 def load_stability(system: GraspSystem, w: Reals, at_stop: Reals) -> Reals:
