@@ -10,14 +10,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.clock import nanoseconds
 from drivers.errors import InputError
 from drivers.simulated.arm_faults import ARM_EVENTS, BrownOut, Press, SetProperty, Silence, Supply
+from drivers.simulated.arm_plant import ArmPlant
 from drivers.simulated.can_wire import Frame, TimedFrame
 from drivers.simulated.firmware import JOINT_ENCODER_COUNTS, NODES, safety_firmware_beside
 from drivers.simulated.motor_puck import MotorPuck
@@ -53,19 +52,6 @@ _WAKE_PAUSE_NS = nanoseconds(0.009)
 _FROM_ENCODERS = ("P", "MECH", "JP")
 _POSITION_TO = GROUP | GROUP_POSITION
 _TO_MASK = 0x41F
-
-
-class ArmPlant(Protocol):
-    """The mechanics behind the pucks."""
-
-    def joint_position_rad(self) -> NDArray[np.float64]:
-        """Joint angles (7) now, rad."""
-        ...
-
-    def set_joint_torque_Nm(self, torque_Nm: NDArray[np.float64], braking: bool, at_ns: int) -> None:
-        """Apply motor torques, as joint torques (7) in N·m, from `at_ns` until the next call. `braking`: the motors are
-        idle or without power and brake resistively; the torque is then zero."""
-        ...
 
 
 class SimulatedWam:

@@ -87,6 +87,7 @@ def _digest(script: FaultScript[Any], seconds: float) -> str:
     return digest.hexdigest()
 
 
+@pytest.mark.slow
 def test_five_seconds_are_the_same_twice() -> None:
     """Protects system tests: driver and simulated arm at 500 Hz, with seeded loss, give the same to the bit."""
     faults: tuple[Fault[Any], ...] = (
