@@ -28,6 +28,7 @@ from drivers.wam.parameters import JOINTS, WamParameters
 
 BRAKING_NMS_PER_RAD = (150.0, 150.0, 50.0, 30.0, 2.5, 2.5, 0.25)
 """Shorted motors at the joints [assumed]: squared torque constant and ratio (WAM reference 5.3) over 1.5 to 3 Ω."""
+FAR_BELOW_M = 10.0
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
@@ -182,6 +183,11 @@ class World:
         """Disturb the object with force and torque in world axes at its centre of mass, (3,) each, until the next."""
         wrench = np.concatenate([_vector("force_N", force_N, 3), _vector("torque_Nm", torque_Nm, 3)])
         self._data.xfrc_applied[self._parts.object_body] = wrench
+
+    def take_support_away(self) -> None:
+        """From now on nothing carries the object but the hand; without a support this does nothing."""
+        if self._parts.support_geom is not None:
+            self._model.geom_pos[self._parts.support_geom, 2] -= FAR_BELOW_M
 
     # What really is
 

@@ -76,6 +76,7 @@ class WorldModel:
     tip_geom: NDArray[np.intp] = field(repr=False)
     tip_site: NDArray[np.intp] = field(repr=False)
     """Centres of the fingertip arcs."""
+    support_geom: int | None
     wrist_body: int
     hand_body: int
     object_body: int
@@ -181,6 +182,7 @@ def _indexed(model: mujoco.MjModel, hand: Hand, spool_radius_m: float) -> WorldM
     fingers = [
         (hinges(finger, side, 0), hinges(finger, side, 1)) for finger, side in zip(hand.fingers, SIDES, strict=True)
     ]
+    support = named(mujoco.mjtObj.mjOBJ_GEOM, "support")
     arm = slice(0, JOINTS if named(mujoco.mjtObj.mjOBJ_JOINT, "arm_1") >= 0 else 0)
     # Every joint before the object's free joint has one coordinate, so positions and velocities share their indices.
     return WorldModel(
@@ -194,6 +196,7 @@ def _indexed(model: mujoco.MjModel, hand: Hand, spool_radius_m: float) -> WorldM
         tendon_rest_m=np.array([tendon_rest_m(finger) for finger in hand.fingers]),
         tip_site=np.array([named(mujoco.mjtObj.mjOBJ_SITE, f"tip_{side}") for side in SIDES]),
         tip_geom=np.array([named(mujoco.mjtObj.mjOBJ_GEOM, f"tip_{side}") for side in SIDES]),
+        support_geom=support if support >= 0 else None,
         wrist_body=named(mujoco.mjtObj.mjOBJ_BODY, "tool"),
         hand_body=named(mujoco.mjtObj.mjOBJ_BODY, "hand"),
         object_body=named(mujoco.mjtObj.mjOBJ_BODY, "object"),
