@@ -21,11 +21,13 @@ READY_RAD = (0.0, 0.1, 0.0, 2.3, 0.0, -0.8, 0.0)
 @dataclass(frozen=True)
 class Scene:
     """An object (name or file) whose section's centre stands at `object_xyz_m`, turned by `object_yaw_rad`, on its own
-    support; the arm stands at `joint_rad` (7, rad). `seed` draws the arm's imperfections."""
+    support; its outline is turned by `outline_angle_rad` more, as first contact places it in the hand. The arm stands
+    at `joint_rad` (7, rad). `seed` draws the arm's imperfections."""
 
     object: str = "cylinder40"
     object_xyz_m: tuple[float, float, float] = (0.80, 0.0, 0.55)
     object_yaw_rad: float = 0.0
+    outline_angle_rad: float = 0.0
     joint_rad: tuple[float, ...] = READY_RAD
     seed: int = 0
 
@@ -54,6 +56,7 @@ def build_devices(config: RobotConfig, hand: Hand, scene: Scene, *, start_ns: in
         T_world_object=T_world_object,
         joint_rad=scene.joint_rad,
         seed=scene.seed,
+        outline_angle_rad=scene.outline_angle_rad,
         spool_radius_m=config.tendons.right.spool_radius_m,
         start_ns=start_ns,
     )
