@@ -100,7 +100,7 @@ class Arm:
     def start(self, operator: Operator | None = None) -> ArmIdentity:
         """Find, wake, check and, if positions were lost, zero the arm at `home_rad`, where the operator has put it.
 
-        Takes some 0.5 s, over a second more if pucks have to be woken, and as long as `operator` lets it wait for what
+        Takes some 0.3 s, over a second more if pucks have to be woken, and as long as `operator` lets it wait for what
         only they can do; without one the arm must be idle. Raises NoReplyError for missing pucks, ProtocolError for an
         inconsistent arm, DeviceError in E-stop or active.
         """
