@@ -50,7 +50,7 @@ STEP_M = 1e-4
 """Largest winding between two points; 0.2 mm and less keep a stop's place within 0.1 mm of object motion."""
 LOAD_STEPS = 40
 """A step raises the load by no more than the cap over this."""
-SMALLEST_SHARE = 1e-3
+SMALLEST_SHARE = 0.01
 """A step shorter than this share of the largest has failed: there is no equilibrium ahead."""
 SLOW = 0.02
 """Where the load limits a step of winding to less than this share, the load leads instead."""
@@ -167,13 +167,9 @@ class _Follower:
 
     def _advanced(self, w: Reals, last: Reals | None, held: Reals) -> tuple[Drive, States] | None:
         """The next solution along the path, as far as the step that succeeds."""
+        leads = self._leads(w, last, held)
         while self.share >= SMALLEST_SHARE:
-            for row in (self.mean,) if self.kind == "load" else (self.mean, self.mean_load):
-                drive = Drive(np.array([row, self.difference]))
-                slope = self.rule.slope(w, last, drive, held)
-                length = self._length(slope)
-                if length is None or (row is self.mean and self.kind != "load" and length < SLOW * self.step_m):
-                    continue
+            for drive, slope, length in leads:
                 guess = w + self.share * length * slope
                 target = drive.rows @ w + [self.share * length, 0.0]
                 states = self.rule.solve(w, pressed(guess, held), drive, target)
@@ -182,6 +178,18 @@ class _Follower:
                     return drive, states
             self.share *= 0.5
         return None
+
+    def _leads(self, w: Reals, last: Reals | None, held: Reals) -> list[tuple[Drive, Reals, float]]:
+        """What may lead from here: drive, how the state changes with it, length of a full step. Winding comes first; a
+        step onto stops that leave it nothing to move succeeds with the load."""
+        found = []
+        for row in (self.mean,) if self.kind == "load" else (self.mean, self.mean_load):
+            drive = Drive(np.array([row, self.difference]))
+            slope = self.rule.slope(w, last, drive, held)
+            length = self._length(slope)
+            if length is not None and not (self.kind != "load" and row is self.mean and length < SLOW * self.step_m):
+                found.append((drive, slope, length))
+        return found
 
     def _length(self, slope: Reals) -> float | None:
         """Length of a full step of a path parameter that changes the state by `slope`; None if it cannot lead."""
