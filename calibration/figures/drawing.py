@@ -22,7 +22,8 @@ from calibration.grasp.stability import contact_frames
 from calibration.hand.bundle import Complexes, Reals
 from calibration.hand.finger import FingerModel
 from calibration.hand.joints import flexure_angles
-from calibration.objects.shapes import Shape
+from calibration.objects.shapes import Polygon as ConvexPolygon
+from calibration.objects.shapes import Rectangle, Shape
 
 MM = 1e3
 OUTLINE_POINTS = 120
@@ -102,8 +103,7 @@ def draw_object(
     axes: Axes, shape: Shape, pose: Reals, outline_angle_rad: float = 0.0, look: Look = NOW, frame: PlanarPose = HERE
 ) -> None:
     """Outline of the object at `pose` (x m, y m, θ rad), with a mark that shows how it is turned."""
-    points = shape.outline_m(OUTLINE_POINTS)
-    outline = (points[:, 0] + 1j * points[:, 1]) * np.exp(1j * (pose[2] + outline_angle_rad))
+    outline = object_outline(shape) * np.exp(1j * (pose[2] + outline_angle_rad))
     centre = complex(pose[0], pose[1])
     _fill(axes, frame.of(centre + outline), look, look.object_, look.object_edge, 0.55)
     at = complex(frame.of(np.array([centre]))[0])
@@ -165,6 +165,15 @@ def object_pose(system: GraspSystem, w: Reals) -> Reals:
 def fingertips(fingers: tuple[FingerModel, FingerModel], q: tuple[Reals, Reals]) -> Complexes:
     """(2,) centres of the fingertip arcs, right and left, hand frame, m."""
     return np.array([finger.tip.at(own[None]).value[0] for finger, own in zip(fingers, q, strict=True)])
+
+
+def object_outline(shape: Shape) -> Complexes:
+    """Outline in the object's own axes, x + i y m; a polygon's corners are points of it."""
+    if isinstance(shape, Rectangle | ConvexPolygon):
+        return shape.corners
+    points = shape.outline_m(OUTLINE_POINTS)
+    outline: Complexes = points[:, 0] + 1j * points[:, 1]
+    return outline
 
 
 def phalanx_outline(finger: FingerModel, phalanx: int, q: Reals) -> Complexes:

@@ -11,7 +11,7 @@ from typing import Any, ParamSpec, TypeVar
 import pytest
 
 from calibration.build import build_table
-from calibration.catalogue import PAPER, Case, Outcome, Result, build_all, counted, load_catalogue
+from calibration.catalogue import PAPER, Built, Case, Outcome, Result, build_all, counted, load_catalogue
 from calibration.cluster import cluster, process_pool
 from calibration.grasp.specification import GraspSpec
 from calibration.hand.parameters import load_hand
@@ -30,19 +30,18 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
-class Inline(Executor):
-    """Runs each task where it is submitted; `heard` counts them."""
+class Serving(Executor):
+    """Gives every case the same table, which was built before; `heard` are the names of the cases, in order."""
 
-    def __init__(self) -> None:
-        self.heard = 0
+    def __init__(self, table: MotionTable) -> None:
+        self.heard: list[str] = []
+        self.built = Built(Result.BUILT, "", (table.header, table.arrays))
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        self.heard += 1
-        future: Future[T] = Future()
-        try:
-            future.set_result(fn(*args, **kwargs))
-        except Exception as error:
-            future.set_exception(error)
+        case: Any = args[0]
+        self.heard.append(case.name)
+        future: Future[Any] = Future()
+        future.set_result(self.built)
         return future
 
 
@@ -58,7 +57,7 @@ def test_one_failure_does_not_stop_the_others(built: tuple[Path, list[Outcome]])
     """What the hand cannot take is unreachable, not failed; both say why; the rest is on the disk."""
     directory, outcomes = built
     assert [outcome.result for outcome in outcomes] == [Result.BUILT, Result.UNREACHABLE, Result.FAILED, Result.BUILT]
-    assert "500.0 mm" in outcomes[1].reason
+    assert outcomes[1].reason.startswith("object.shape: ")
     assert "[support]" in outcomes[2].reason
     assert sorted(file.name for file in directory.iterdir()) == ["split.npz", "symmetric.npz"]
     assert counted(outcomes) == {Result.BUILT: 2, Result.CURRENT: 0, Result.UNREACHABLE: 1, Result.FAILED: 1}
@@ -75,47 +74,52 @@ def test_a_table_from_a_worker_is_the_table_built_here(built: tuple[Path, list[O
 
 def test_an_interrupted_run_goes_on_where_it_ended(built: tuple[Path, list[Outcome]], tmp_path: Path) -> None:
     """Current tables are left alone; damaged ones, and those of other inputs, are built again."""
-    SYMMETRIC.file(tmp_path).write_bytes(SYMMETRIC.file(built[0]).read_bytes())
-    SPLIT.file(tmp_path).write_bytes(SPLIT.file(built[0]).read_bytes()[:-1])
-    before = SYMMETRIC.file(tmp_path).stat().st_mtime_ns
-    executor = Inline()
-    again = build_all([SYMMETRIC, SPLIT], tmp_path, executor, nodes=NODES)
-    assert [outcome.result for outcome in again] == [Result.CURRENT, Result.BUILT]
-    assert executor.heard == 1
-    assert SYMMETRIC.file(tmp_path).stat().st_mtime_ns == before
-    assert build_all([SYMMETRIC], tmp_path, executor, nodes=NODES + 2)[0].result is Result.BUILT
+    whole = SPLIT.file(built[0]).read_bytes()
+    SPLIT.file(tmp_path).write_bytes(whole)
+    SYMMETRIC.file(tmp_path).write_bytes(whole[:-1])
+    other = Case("other", SPLIT.hand, SPLIT.object, GraspSpec(onset_split=0.05))
+    other.file(tmp_path).write_bytes(whole)
+    before = SPLIT.file(tmp_path).stat().st_mtime_ns
+    executor = Serving(MotionTable.load(SPLIT.file(built[0])))
+    again = build_all([SYMMETRIC, SPLIT, other], tmp_path, executor, nodes=NODES)
+    assert [outcome.result for outcome in again] == [Result.BUILT, Result.CURRENT, Result.BUILT]
+    assert executor.heard == ["symmetric", "other"]
+    assert SPLIT.file(tmp_path).stat().st_mtime_ns == before
+    build_all([SPLIT], tmp_path, executor, nodes=NODES + 2)
+    assert executor.heard[2:] == ["split"]
 
 
-def test_leaving_early_cancels_what_has_not_begun(tmp_path: Path) -> None:
+def test_leaving_early_cancels_what_has_not_begun(built: tuple[Path, list[Outcome]], tmp_path: Path) -> None:
     """Ctrl-C while the first result is told: later cases never start, and every file there is whole."""
-    waiting, goes_on = threading.Event(), threading.Event()
+    table = MotionTable.load(SPLIT.file(built[0]))
+    ready = Built(Result.BUILT, "", (table.header, table.arrays))
+    second_runs, goes_on = threading.Event(), threading.Event()
+    begun: list[str] = []
+
+    class OneByOne(Executor):
+        def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+            def run() -> Any:
+                case: Any = args[0]
+                begun.append(case.name)
+                if len(begun) > 1:
+                    second_runs.set()
+                    goes_on.wait(60)
+                return ready
+
+            return pool.submit(run)
 
     def interrupted(_: Outcome) -> None:
+        second_runs.wait(60)
         raise KeyboardInterrupt
 
+    cases = [Case(f"case{k}", SPLIT.hand, SPLIT.object, SPLIT.grasp) for k in range(4)]
     with ThreadPoolExecutor(1) as pool:
-        cases = [SYMMETRIC, *(Case(f"later{k}", *_parts(SPLIT)) for k in range(3))]
-        begun: list[str] = []
-
-        class Counting(Executor):
-            def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-                def run() -> T:
-                    case: Any = args[0]
-                    begun.append(case.name)
-                    if case.name != SYMMETRIC.name:
-                        waiting.set()
-                        goes_on.wait(60)
-                    return fn(*args, **kwargs)
-
-                return pool.submit(run)
-
         with pytest.raises(KeyboardInterrupt):
-            build_all(cases, tmp_path, Counting(), nodes=NODES, on_result=interrupted)
-        waiting.wait(60)
+            build_all(cases, tmp_path, OneByOne(), nodes=NODES, on_result=interrupted)
         goes_on.set()
-    assert begun == ["symmetric", "later0"]
-    assert [file.name for file in tmp_path.iterdir()] == ["symmetric.npz"]
-    MotionTable.load(SYMMETRIC.file(tmp_path))
+    assert begun == ["case0", "case1"]
+    assert [file.name for file in tmp_path.iterdir()] == ["case0.npz"]
+    MotionTable.load(tmp_path / "case0.npz")
 
 
 def test_a_lost_worker_is_a_failed_case(tmp_path: Path) -> None:
@@ -131,10 +135,11 @@ def test_a_lost_worker_is_a_failed_case(tmp_path: Path) -> None:
     assert (outcome.result, outcome.reason) == (Result.FAILED, "CancelledError")
 
 
-def test_a_folder_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_is_said(built: tuple[Path, list[Outcome]], tmp_path: Path) -> None:
     """A file where the folder should be: the case fails with the reason."""
     (tmp_path / "taken").write_text("")
-    outcome = build_all([SYMMETRIC], tmp_path / "taken", Inline(), nodes=NODES)[0]
+    executor = Serving(MotionTable.load(SPLIT.file(built[0])))
+    outcome = build_all([SYMMETRIC], tmp_path / "taken", executor, nodes=NODES)[0]
     assert outcome.result is Result.FAILED
     assert "cannot be written" in outcome.reason
 
@@ -210,10 +215,6 @@ def catalogue(tmp_path: Path) -> Path:
         '[[tables]]\nhands = ["t42pp"]\npresets = ["nominal"]\nobjects = ["mug.toml"]\ngrasps = ["soft"]\n'
     )
     return file
-
-
-def _parts(case: Case) -> tuple[Any, GraspObject, GraspSpec]:
-    return case.hand, case.object, case.grasp
 
 
 def test_the_paper_catalogue_is_packaged() -> None:

@@ -19,7 +19,13 @@ from drivers.errors import InputError
 drawn: Callable[[int], PaperFigure] = cache(draw)
 
 
-@pytest.mark.parametrize("number", DRAWN_BY)
+LONG = (6, 15, 16, 17)
+"""Figures of many paths."""
+
+
+@pytest.mark.parametrize(
+    "number", [pytest.param(number, marks=pytest.mark.slow if number in LONG else ()) for number in DRAWN_BY]
+)
 def test_every_figure_is_drawn_with_caption_and_numbers(number: int, tmp_path: Path) -> None:
     """A picture that is not empty, of README size; a caption that says what is predicted and fitted; finite numbers."""
     figure = drawn(number)
