@@ -29,7 +29,12 @@ _Rate = Annotated[float, Meta(gt=0, le=100)]
 _Amount = Annotated[float, Meta(ge=0, le=10000)]
 Angles = tuple[_Angle, _Angle, _Angle, _Angle, _Angle, _Angle, _Angle]
 Rates = tuple[_Rate, _Rate, _Rate, _Rate, _Rate, _Rate, _Rate]
+_Torque = Annotated[float, Meta(gt=0, le=100)]
+_TorqueRate = Annotated[float, Meta(gt=0, le=100000)]
 Amounts = tuple[_Amount, _Amount, _Amount, _Amount, _Amount, _Amount, _Amount]
+
+Torques = tuple[_Torque, _Torque, _Torque, _Torque, _Torque, _Torque, _Torque]
+TorqueRates = tuple[_TorqueRate, _TorqueRate, _TorqueRate, _TorqueRate, _TorqueRate, _TorqueRate, _TorqueRate]
 
 
 class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -37,12 +42,18 @@ class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
 
 class ArmLimits(_Table, frozen=True):
-    """Joint limits (7). Without `lower_rad` and `upper_rad` the arm's own position limits hold."""
+    """Joint limits (7). Without `lower_rad` and `upper_rad` the arm's own position limits hold.
+
+    `torque_Nm` lowers the arm's own torque limits. `torque_rate_Nm_per_s`: without it a torque takes 20 ms from zero to
+    its limit at the least.
+    """
 
     velocity_rad_s: Rates
     acceleration_rad_s2: Rates
     lower_rad: Angles | None = None
     upper_rad: Angles | None = None
+    torque_Nm: Torques | None = None
+    torque_rate_Nm_per_s: TorqueRates | None = None
 
     def __post_init__(self) -> None:
         if (self.lower_rad is None) != (self.upper_rad is None):
@@ -63,9 +74,13 @@ class ArmGains(_Table, frozen=True):
 
 
 class ArmFriction(_Table, frozen=True):
-    """Joint friction of the arm model (7). Without `viscous_Nms_per_rad` the arm's published one holds."""
+    """Joint friction of the arm model (7). Without `viscous_Nms_per_rad` the arm's published one holds.
+
+    `turnover_rad`: the way in which Coulomb friction turns over after a reversal.
+    """
 
     coulomb_Nm: Amounts
+    turnover_rad: Annotated[float, Meta(gt=0, le=0.1)]
     viscous_Nms_per_rad: Amounts | None = None
 
 

@@ -96,17 +96,17 @@ class JointBounds:
             slowest = speed - change
             fastest = speed + change
             room = position - low
-            bound = -most if room >= far else -min(most, self._stoppable(room, change))
+            bound = -most if room >= far else -min(most, stoppable_speed(room, change, self._period_s))
             lower.append(slowest if bound < slowest else fastest if bound > fastest else bound)
             room = high - position
-            bound = most if room >= far else min(most, self._stoppable(room, change))
+            bound = most if room >= far else min(most, stoppable_speed(room, change, self._period_s))
             upper.append(slowest if bound < slowest else fastest if bound > fastest else bound)
         return lower, upper
 
-    def _stoppable(self, room: float, change: float) -> float:
-        """Greatest v with T(v) ≤ room; zero outside the limit. `change` is a h."""
-        if room <= 0.0:
-            return 0.0
-        period_s = self._period_s
-        whole = int((sqrt(1.0 + 8.0 * room / (change * period_s)) - 1.0) / 2.0)
-        return room / ((whole + 1) * period_s) + 0.5 * change * whole
+
+def stoppable_speed(room: float, change: float, period_s: float) -> float:
+    """Greatest v with T(v) ≤ `room` (rad), zero outside the limit; `change` is a h, the speed's step in rad/s. Pure."""
+    if room <= 0.0:
+        return 0.0
+    whole = int((sqrt(1.0 + 8.0 * room / (change * period_s)) - 1.0) / 2.0)
+    return room / ((whole + 1) * period_s) + 0.5 * change * whole

@@ -11,12 +11,13 @@ Arm friction over kp is what the wrist is off by, so the integral matters; three
 bounded. It stands still while the torque is limited, in the direction that would press on. And it stands still while
 the commanded joint rests within a band around its goal, small at first and wider once it had time to settle: against
 Coulomb friction an integral would hunt for ever.
+
+A command that runs beyond the position limits is braked before them first (`soft_limits.py`). What is asked for then passes the
+preset's bound of the feedback, and last the limits of the torque's size and rate, which hold whatever comes before.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
 from math import isfinite
 
 import numpy as np
@@ -24,115 +25,15 @@ import numpy.typing as npt
 
 from controller.cycle.arm_model import JOINTS, ArmModel, FloatArray, checked_joints
 from controller.cycle.joint_friction import FrictionDirection
+from controller.cycle.joint_gains import STIFF_GAINS, JointGains, TorqueLimits
+from controller.cycle.soft_limits import SoftLimits
 from drivers.errors import InputError
-from drivers.wam.parameters import WamParameters, load_wam_parameters
+from drivers.wam.parameters import load_wam_parameters
 
 VELOCITY_FILTER_RAD_S = 180.0
 RESTING_RAD_S = 1e-4  # a commanded joint that is slower rests
 SETTLING_S = 0.3  # the integral's time to bring a resting joint into its band; later it stirs only for a larger error
 SETTLED_BANDS = 3.0
-TWO_ENCODER_COUNTS_RAD = (1e-4, 1.2e-4, 2e-4, 2e-4, 3.2e-4, 3.2e-4, 2.1e-4)
-
-
-def _checked_positive(values: Sequence[float], what: str, *, allow_zero: bool) -> None:
-    lowest = "≥ 0" if allow_zero else "> 0"
-    if len(values) != JOINTS or not all(isfinite(v) and (v > 0.0 or (allow_zero and v == 0.0)) for v in values):
-        raise InputError(f"{what} is {list(values)}; expected {JOINTS} finite values {lowest}.")
-
-
-@dataclass(frozen=True)
-class JointGains:
-    """Gains of the joint control, (7) each, and the bound of the integral in N·m.
-
-    Plain gains give torques: kp N·m/rad, ki N·m/(rad·s), kd N·m·s/rad. Gains `scaled_by_inertia` give accelerations
-    (1/s², 1/s³, 1/s), which the mass matrix turns into torques: equally fast in every pose and with any hand.
-    """
-
-    kp: tuple[float, ...]
-    ki: tuple[float, ...]
-    kd: tuple[float, ...]
-    integral_limit_Nm: tuple[float, ...]
-    resting_band_rad: tuple[float, ...] = TWO_ENCODER_COUNTS_RAD
-    scaled_by_inertia: bool = field(kw_only=True)
-
-    def __post_init__(self) -> None:
-        for name in ("kp", "ki", "kd", "integral_limit_Nm", "resting_band_rad"):
-            _checked_positive(getattr(self, name), f"joint gain {name}", allow_zero=True)
-
-
-LIBBARRETT_GAINS = JointGains(
-    kp=(900.0, 2500.0, 600.0, 500.0, 50.0, 50.0, 8.0),
-    ki=(2.5, 5.0, 2.0, 0.5, 0.5, 0.5, 0.1),
-    kd=(10.0, 20.0, 5.0, 2.0, 0.5, 0.5, 0.05),
-    integral_limit_Nm=(25.0, 20.0, 15.0, 15.0, 5.0, 5.0, 5.0),
-    scaled_by_inertia=False,
-)
-"""The vendor's position controller (WAM reference 5.4). It leans on the arm's friction for its damping."""
-
-STIFF_GAINS = JointGains(
-    kp=(4500.0,) * JOINTS,
-    ki=(60000.0,) * JOINTS,
-    kd=(120.0,) * JOINTS,
-    integral_limit_Nm=(5.0, 6.0, 4.0, 3.0, 1.0, 1.0, 0.5),
-    scaled_by_inertia=True,
-)
-"""As stiff as a 500 Hz loop with 1.5 ms from sample to torque and the velocity filter bears without friction's help:
-twice these gains are still stable (tested)."""
-
-CALM_GAINS = JointGains(
-    kp=(900.0,) * JOINTS,
-    ki=(4000.0,) * JOINTS,
-    kd=(55.0,) * JOINTS,
-    integral_limit_Nm=(5.0, 6.0, 4.0, 3.0, 1.0, 1.0, 0.5),
-    scaled_by_inertia=True,
-)
-"""For a simulation in real time on a machine that does not keep time, where torques come late."""
-
-GAIN_PRESETS = {"stiff": STIFF_GAINS, "calm": CALM_GAINS, "libbarrett": LIBBARRETT_GAINS}
-
-
-def preset_gains(
-    preset: str,
-    *,
-    kp_Nm_per_rad: Sequence[float] | None = None,
-    ki_Nm_per_rad_s: Sequence[float] | None = None,
-    kd_Nms_per_rad: Sequence[float] | None = None,
-) -> JointGains:
-    """The gains of a preset, of which rows (7) given as torques replace those of the preset.
-
-    Raises InputError for an unknown preset, wrong rows, or rows for a preset whose gains are accelerations.
-    """
-    gains = GAIN_PRESETS.get(preset)
-    if gains is None:
-        raise InputError(f"joint gain preset is {preset!r}; expected one of {', '.join(GAIN_PRESETS)}.")
-    given = {"kp": kp_Nm_per_rad, "ki": ki_Nm_per_rad_s, "kd": kd_Nms_per_rad}
-    rows = {name: tuple(row) for name, row in given.items() if row is not None}
-    if rows and gains.scaled_by_inertia and len(rows) < len(given):
-        raise InputError(
-            f"joint gains {', '.join(rows)} are torques, those of the preset {preset!r} are accelerations; "
-            "expected kp, ki and kd together, or the preset 'libbarrett'."
-        )
-    if not rows:
-        return gains
-    return replace(gains, scaled_by_inertia=False, **rows)
-
-
-@dataclass(frozen=True)
-class TorqueLimits:
-    """Joint-side limits of the commanded torque, (7) each: size (N·m) and rate (N·m/s)."""
-
-    torque_Nm: tuple[float, ...]
-    rate_Nm_per_s: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        for name, values in vars(self).items():
-            _checked_positive(values, f"torque limit {name}", allow_zero=False)
-
-    @classmethod
-    def from_parameters(cls, parameters: WamParameters, *, full_swing_s: float = 0.02) -> TorqueLimits:
-        """The arm's effort limits, reached from zero in `full_swing_s` at the soonest."""
-        efforts = tuple(float(effort) for effort in parameters.joint_effort_limit_Nm)
-        return cls(efforts, tuple(effort / full_swing_s for effort in efforts))
 
 
 class JointControl:
@@ -146,6 +47,7 @@ class JointControl:
         model: ArmModel,
         gains: JointGains | None = None,
         limits: TorqueLimits | None = None,
+        soft_limits: SoftLimits | None = None,
         velocity_filter_rad_s: float = VELOCITY_FILTER_RAD_S,
     ) -> None:
         if not (isfinite(velocity_filter_rad_s) and velocity_filter_rad_s > 0.0):
@@ -166,12 +68,14 @@ class JointControl:
                 gains.kd,
                 gains.integral_limit_Nm,
                 gains.resting_band_rad,
+                gains.feedback_limit_Nm,
                 limits.torque_Nm,
                 limits.rate_Nm_per_s,
                 strict=True,
             )
         ]
         self._scaled_by_inertia = gains.scaled_by_inertia
+        self._soft_limits = soft_limits
         self._friction = FrictionDirection(model.friction_turnover_rad)
         self._sample_ns: int | None = None
 
@@ -181,6 +85,8 @@ class JointControl:
         for joint, position, gravity in zip(self._joints, q.tolist(), self.model.gravity(q).tolist(), strict=True):
             joint.reset(position, gravity)
         self._friction.reset()
+        if self._soft_limits is not None:
+            self._soft_limits.reset(q.tolist())
         self._sample_ns = sample_ns
         self.saturated = False
         self.feedback_Nm = np.zeros(JOINTS)
@@ -210,12 +116,16 @@ class JointControl:
             raise InputError("joint control has no starting point; expected reset(q, sample_ns) on activation first.")
         q = checked_joints(q_measured, "measured joint angles")
         elapsed_s = (sample_ns - self._sample_ns) * 1e-9
+        goal = np.asarray(q_commanded, dtype=np.float64)
         speeds = np.asarray(v_commanded, dtype=np.float64)
+        accelerations = np.asarray(a_commanded, dtype=np.float64)
+        if self._soft_limits is not None:
+            goal, speeds, accelerations = self._soft_limits.held(goal, speeds, accelerations)
         direction = self._friction.step(speeds.tolist(), max(elapsed_s, 0.0))
-        feed_forward = self.model.feed_forward(q_commanded, speeds, a_commanded, direction)
+        feed_forward = self.model.feed_forward(goal, speeds, accelerations, direction)
         if elapsed_s > 0.0:
             self._sample_ns = sample_ns
-            self._step(q, np.subtract(q_commanded, q), speeds, feed_forward, elapsed_s)
+            self._step(q, np.subtract(goal, q), speeds, feed_forward, elapsed_s)
         torque = np.array([joint.torque for joint in self._joints])
         self.feedback_Nm = torque - feed_forward
         return torque
@@ -234,10 +144,11 @@ class JointControl:
         )
         if self._scaled_by_inertia:
             feedback = self.model.mass_matrix(q).dot(feedback)
-        feedback[:, 0] += feed_forward
         saturated = False
-        for joint, (torque, growth), e, v in zip(self._joints, feedback.tolist(), errors, speeds, strict=True):
-            saturated |= joint.apply(torque, growth, e, v, elapsed_s)
+        for joint, forward, (torque, growth), e, v in zip(
+            self._joints, feed_forward.tolist(), feedback.tolist(), errors, speeds, strict=True
+        ):
+            saturated |= joint.apply(forward, torque, growth, e, v, elapsed_s)
         self.saturated = saturated
 
 
@@ -246,6 +157,7 @@ class _Joint:
 
     __slots__ = (
         "band",
+        "feedback_limit",
         "integral",
         "integral_limit",
         "kd",
@@ -267,12 +179,13 @@ class _Joint:
         kd: float,
         integral_limit: float,
         band: float,
+        feedback_limit: float,
         torque_limit: float,
         rate_limit: float,
     ) -> None:
         self.kp, self.ki, self.kd = kp, ki, kd
         self.integral_limit, self.band = integral_limit, band
-        self.torque_limit, self.rate_limit = torque_limit, rate_limit
+        self.feedback_limit, self.torque_limit, self.rate_limit = feedback_limit, torque_limit, rate_limit
         self.reset(0.0, 0.0)
 
     def reset(self, position: float, gravity: float) -> None:
@@ -293,9 +206,12 @@ class _Joint:
         self.lag = (self.lag + share * (v_commanded - rate)) / (1.0 + share)
         return self.kp * error + self.kd * self.lag, self.ki * error * elapsed_s
 
-    def apply(self, torque: float, growth: float, error: float, v_commanded: float, elapsed_s: float) -> bool:
-        """Limit the torque plus the integral, then let that grow. Returns whether a limit bound."""
-        wanted = torque + self.integral
+    def apply(
+        self, forward: float, feedback: float, growth: float, error: float, v_commanded: float, elapsed_s: float
+    ) -> bool:
+        """Limit feed-forward, feedback and integral, then let that grow. Returns whether a torque limit bound."""
+        asked = feedback + self.integral
+        wanted = forward + min(max(asked, -self.feedback_limit), self.feedback_limit)
         reach = self.rate_limit * elapsed_s
         least = max(self.torque - reach, -self.torque_limit)
         greatest = min(self.torque + reach, self.torque_limit)
@@ -304,7 +220,7 @@ class _Joint:
         self.rested_s = self.rested_s + elapsed_s if abs(v_commanded) < RESTING_RAD_S else 0.0
         band = self.band if self.rested_s < SETTLING_S else SETTLED_BANDS * self.band
         resting = self.rested_s > 0.0 and abs(error) < band
-        pressing_on = (wanted - self.torque) * growth > 0.0
+        pressing_on = (forward + asked - self.torque) * growth > 0.0
         if not (resting or pressing_on):
             self.integral = min(max(self.integral + growth, -self.integral_limit), self.integral_limit)
         return wanted != self.torque

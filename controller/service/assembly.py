@@ -15,9 +15,11 @@ from controller.cycle.cycle import CycleSettings, Parts
 from controller.cycle.grasping import Grasping, GraspSettings, MotorDrive
 from controller.cycle.inverse_kinematics import DifferentialInverseKinematics
 from controller.cycle.joint_bounds import JointLimits
-from controller.cycle.joint_control import JointControl, preset_gains
+from controller.cycle.joint_control import JointControl
+from controller.cycle.joint_gains import TorqueLimits, preset_gains
 from controller.cycle.orders import Orders
 from controller.cycle.safety import SafetyLimits, SafetyMonitor
+from controller.cycle.soft_limits import SoftLimits
 from controller.cycle.winding import WindingLimits
 from controller.messages import CompensationIndex
 from controller.service.hand import HandSettings
@@ -57,7 +59,7 @@ def arm_model(config: RobotConfig, hand: Hand) -> ArmModel:
         T_wrist_hand=config.T_wrist_hand,
         T_world_base=config.T_world_base,
         parameters=parameters,
-        friction=ArmFriction(viscous, friction.coulomb_Nm),
+        friction=ArmFriction(viscous, friction.coulomb_Nm, friction.turnover_rad),
     )
 
 
@@ -80,6 +82,9 @@ def cycle_parts(config: RobotConfig, bus: CanBus, clock: Clock) -> Parts:
         kp_Nm_per_rad=chosen.kp_Nm_per_rad,
         ki_Nm_per_rad_s=chosen.ki_Nm_per_rad_s,
         kd_Nms_per_rad=chosen.kd_Nms_per_rad,
+    )
+    torque_limits = TorqueLimits.from_parameters(
+        parameters, torque_Nm=arm_limits.torque_Nm, rate_Nm_per_s=arm_limits.torque_rate_Nm_per_s
     )
     kinematics = DifferentialInverseKinematics(model, limits, period_s, parameters.home_rad)
     path_limits = ArmMotionLimits(
@@ -111,7 +116,7 @@ def cycle_parts(config: RobotConfig, bus: CanBus, clock: Clock) -> Parts:
         arm=Arm(bus, clock, parameters),
         model=model,
         motion=motion,
-        control=JointControl(model, gains),
+        control=JointControl(model, gains, torque_limits, SoftLimits(limits, period_s)),
         grasping=grasping,
         orders=orders,
         smoother=OffsetSmoother(period_s, offset_limits),

@@ -90,6 +90,8 @@ def test_directories_follow_the_environment(monkeypatch: pytest.MonkeyPatch) -> 
         ("[arm.limits]\nvelocity_rad_s = [1, 1, 1]", "arm.limits.velocity_rad_s", [1, 1, 1], "an array of 7"),
         ("[arm.gains]\nkp_Nm_per_rad = [1, 1, 1, 1, 1, 1, nan]", "arm.gains.kp_Nm_per_rad[6]", None, "a finite number"),
         ("[arm.limits]\nlower_rad = [0, 0, 0, 0, 0, 0, 0]", "arm.limits.upper_rad", "(missing)", "both limits"),
+        ("[arm.limits]\ntorque_Nm = [60, 60, 45, 28, 10, 10, 0]", "arm.limits.torque_Nm[6]", 0, "> 0"),
+        ("[arm.friction]\nturnover_rad = 0", "arm.friction.turnover_rad", 0, "> 0"),
         ("[arm.base]\nquaternion_wxyz = [1, 1, 0, 0]", "arm.base.quaternion_wxyz", [1, 1, 0, 0], "of length 1"),
         ("[arm]\ninterface = 'pcan'", "arm.interface", "pcan", "'socketcan'"),
         ("[tendons.left]\nid = 1", "tendons.left.id", 1, "another id"),

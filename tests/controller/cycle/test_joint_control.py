@@ -13,24 +13,21 @@ import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from controller.cycle.arm_model import ArmFriction, ArmModel
 from controller.cycle.inverse_kinematics import DifferentialInverseKinematics
 from controller.cycle.joint_bounds import JointLimits
-from controller.cycle.joint_control import (
-    LIBBARRETT_GAINS,
-    STIFF_GAINS,
-    JointControl,
-    JointGains,
-    TorqueLimits,
-    preset_gains,
-)
+from controller.cycle.joint_control import JointControl
+from controller.cycle.joint_gains import CALM_GAINS, LIBBARRETT_GAINS, STIFF_GAINS, JointGains, TorqueLimits
+from controller.cycle.soft_limits import SoftLimits
 from drivers.errors import InputError
 from drivers.wam.parameters import load_wam_parameters
 
 Array = npt.NDArray[np.float64]
 
 PARAMETERS = load_wam_parameters()
+LIMITS = JointLimits.from_parameters(PARAMETERS)
 PERIOD_NS = 2_000_000
 PERIOD_S = 0.002
 STEPS_PER_PERIOD = 8
@@ -46,6 +43,7 @@ MOTOR_TO_JOINT = np.linalg.inv(JOINT_TO_MOTOR)
 COUNT_RAD = 2 * np.pi / 4096
 ELBOW_UP = np.array([0.3, -0.6, 0.9, 1.2, -1.5, 0.7, -0.4])
 FORWARD = np.array([0.0, 0.6, 0.0, 1.8, 0.0, 0.75, 0.0])
+joints = arrays(np.float64, 7, elements=st.floats(-1.0, 1.0, allow_subnormal=False))
 
 
 class SimulatedArm:
@@ -165,13 +163,81 @@ def test_vendor_gains_give_the_vendor_law() -> None:
     """Protects the law of the reference, 5.4, worked out by hand for one step of the error."""
     control = JointControl(ArmModel(), LIBBARRETT_GAINS, TorqueLimits((1e3,) * 7, (1e9,) * 7))
     control.reset(FORWARD, 0)
-    error = 0.01
+    error = 0.005
     rest = np.zeros(7)
     control.torque(FORWARD, FORWARD + error, rest, rest, PERIOD_NS)
     np.testing.assert_allclose(control.feedback_Nm, np.array(LIBBARRETT_GAINS.kp) * error, rtol=1e-9)
     control.torque(FORWARD, FORWARD + error, rest, rest, 2 * PERIOD_NS)
     integral = np.array(LIBBARRETT_GAINS.ki) * error * PERIOD_S
     np.testing.assert_allclose(control.feedback_Nm, np.array(LIBBARRETT_GAINS.kp) * error + integral, rtol=1e-9)
+
+
+@settings(max_examples=20, deadline=None)
+@given(joints, joints, joints)
+def test_vendor_feedback_stays_within_its_output_limits(error: Array, v: Array, jump: Array) -> None:
+    """Protects the vendor's law, 5.4: controller output is clipped before gravity is added."""
+    control = JointControl(ArmModel(), LIBBARRETT_GAINS, TorqueLimits((1e3,) * 7, (1e9,) * 7))
+    control.reset(FORWARD, 0)
+    for period in (1, 2, 3):
+        control.torque(FORWARD + period * jump, FORWARD + error, v, np.zeros(7), period * PERIOD_NS)
+        assert (np.abs(control.feedback_Nm) <= np.array([25, 20, 15, 15, 5, 5, 5]) + 1e-9).all()
+
+
+@settings(max_examples=25, deadline=None)
+@given(joints, joints, st.sampled_from([STIFF_GAINS, CALM_GAINS, LIBBARRETT_GAINS]))
+def test_soft_limits_push_inwards_only(beyond: Array, command: Array, gains: JointGains) -> None:
+    """Protects the stops: a joint at rest beyond a limit is accelerated inwards, wherever the command is."""
+    q = np.where(beyond > 0.0, LIMITS.upper_rad, LIMITS.lower_rad) + 0.02 * beyond
+    outside = np.abs(beyond) > 1e-3
+    if gains.scaled_by_inertia:  # an integral of torque would mix the joints' accelerations
+        gains = replace(gains, ki=(0.0,) * 7)
+    model, rest = ArmModel(), np.zeros(7)
+    control = JointControl(model, gains, TorqueLimits((1e6,) * 7, (1e9,) * 7), SoftLimits(LIMITS, PERIOD_S))
+    start = np.clip(q, LIMITS.lower_rad, LIMITS.upper_rad)
+    control.reset(start, 0)
+    for period in range(1, 120):  # the joint is pushed out at once; then its velocity filter settles
+        goal = start + np.minimum(period / 20, 1.0) * 0.1 * command
+        control.torque(q, goal, rest, rest, period * PERIOD_NS)
+    pull: Array = control.feedback_Nm
+    if gains.scaled_by_inertia:
+        pull = np.asarray(np.linalg.solve(model.mass_matrix(q), pull), np.float64)
+    assert (pull * np.sign(beyond))[outside].max(initial=-1.0) < 0.0
+
+
+@pytest.mark.parametrize("gains", [STIFF_GAINS, CALM_GAINS, LIBBARRETT_GAINS])
+@pytest.mark.parametrize("joint", range(7))
+def test_a_command_that_runs_past_a_limit_does_not_take_the_arm_along(gains: JointGains, joint: int) -> None:
+    """Protects the stops from a planner gone wrong: at the fastest allowed speed the joint stays within 0.04 rad."""
+    q = FORWARD.copy()
+    q[joint] = LIMITS.upper_rad[joint] - 0.3
+    control, arm = JointControl(ArmModel(), gains, None, SoftLimits(LIMITS, PERIOD_S)), SimulatedArm(q)
+    control.reset(arm.encoder(), -PERIOD_NS)
+    v, a, furthest = np.zeros(7), np.zeros(7), -np.inf
+    for period in range(750):
+        speed = min(v[joint] + LIMITS.acceleration_rad_s2[joint] * PERIOD_S, LIMITS.velocity_rad_s[joint])
+        speed = speed if q[joint] < LIMITS.upper_rad[joint] + 0.5 else 0.0
+        a[joint], v[joint] = (speed - v[joint]) / PERIOD_S, speed
+        q[joint] += PERIOD_S * speed
+        arm.run_period(control.torque(arm.encoder(), q, v, a, period * PERIOD_NS))
+        furthest = max(furthest, arm.q[joint])
+    assert q[joint] > LIMITS.upper_rad[joint] + 0.4
+    assert furthest < LIMITS.upper_rad[joint] + 0.04
+
+
+def test_home_beyond_a_limit_does_not_kick() -> None:
+    """Protects activation at home, where joint 4 lies 0.03 rad above its limit: the arm stays where it stands."""
+    home = np.array(PARAMETERS.home_rad)
+    assert home[3] > LIMITS.upper_rad[3] + 0.02
+    model = ArmModel()
+    control, arm, rest = JointControl(model, None, None, SoftLimits(LIMITS, PERIOD_S)), SimulatedArm(home), np.zeros(7)
+    start = arm.encoder()
+    control.reset(start, -PERIOD_NS)
+    for period in range(250):
+        torque = control.torque(arm.encoder(), start, rest, rest, period * PERIOD_NS)
+        if period == 0:
+            np.testing.assert_allclose(torque, model.gravity(start), rtol=0, atol=1e-9)
+        arm.run_period(torque)
+    assert np.abs(arm.q - home).max() < 5e-4
 
 
 def test_stiff_gains_accelerate_the_arm_alike_in_every_pose() -> None:
@@ -189,10 +255,10 @@ def test_stiff_gains_accelerate_the_arm_alike_in_every_pose() -> None:
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_torque_and_rate_limits_are_laws(seed: int) -> None:
-    """Protects motors and cables whatever is measured and commanded, at uneven times."""
+    """Protects motors and cables whatever is measured and commanded, at uneven times, within soft limits or beyond."""
     random = np.random.default_rng(seed)
     limits = TorqueLimits.from_parameters(PARAMETERS)
-    control = JointControl(ArmModel(), (STIFF_GAINS, LIBBARRETT_GAINS)[seed % 2], limits)
+    control = JointControl(ArmModel(), (STIFF_GAINS, LIBBARRETT_GAINS)[seed % 2], limits, SoftLimits(LIMITS, PERIOD_S))
     control.reset(random.uniform(-1.0, 1.0, 7), 0)
     now_ns, torques, times = 0, [], []
     for _ in range(200):
@@ -257,21 +323,5 @@ def test_bad_input_is_refused() -> None:
         vectors[position] = np.full(7, np.nan)
         with pytest.raises(InputError, match="expected 7 finite"):
             control.torque(vectors[0], vectors[1], vectors[2], vectors[3], PERIOD_NS)
-    with pytest.raises(InputError, match="kp"):
-        JointGains((1.0,) * 6, (1.0,) * 7, (1.0,) * 7, (1.0,) * 7, scaled_by_inertia=False)
-    with pytest.raises(InputError, match="rate_Nm_per_s"):
-        TorqueLimits((1.0,) * 7, (0.0,) * 7)
     with pytest.raises(InputError, match="velocity_filter_rad_s"):
         JointControl(ArmModel(), velocity_filter_rad_s=float("nan"))
-
-
-def test_rows_replace_those_of_a_preset_of_their_kind() -> None:
-    """Protects configured gains from being taken for accelerations."""
-    rows = (10.0,) * 7
-    assert preset_gains("libbarrett", kp_Nm_per_rad=rows).kd == LIBBARRETT_GAINS.kd
-    assert not preset_gains("stiff", kp_Nm_per_rad=rows, ki_Nm_per_rad_s=rows, kd_Nms_per_rad=rows).scaled_by_inertia
-    assert preset_gains("stiff") is STIFF_GAINS
-    with pytest.raises(InputError, match="accelerations"):
-        preset_gains("stiff", kp_Nm_per_rad=rows)
-    with pytest.raises(InputError, match="libbarrett"):
-        preset_gains("soft")
