@@ -28,7 +28,7 @@ def figure_2() -> PaperFigure:
     gap_m = np.abs(closing.arc_centre_m[0] - closing.arc_centre_m[1]) - 2 * system.fingers[0].tip_radius_m
     pose = object_pose(system, system.first_state())
     offset_mm, width_mm = float(pose[1]) * MM, sphere.shape.extent_m(0.0) * MM
-    figure, (left, right) = new_figure(8.4, 3.7, 1, 2, widths=(1.25, 1))
+    figure, (left, right) = new_figure(9.6, 3.7, 1, 2, widths=(1.7, 1))
     for share in GHOSTS:
         near = int(np.argmin(np.abs(loads - share * contact_N)))
         draw_hand(left, system.fingers, (closing.joint_rad[0][near], closing.joint_rad[1][near]), GHOST)
@@ -38,7 +38,7 @@ def figure_2() -> PaperFigure:
         until = loads <= contact_N
         left.plot(tip[until].real * MM, tip[until].imag * MM, color=RED, lw=1.2, zorder=6)
     left.annotate("", (0, offset_mm), (0, 0), arrowprops={"arrowstyle": "<|-|>", "color": RED, "lw": 1.4}, zorder=9)
-    left.text(-3, 0.2 * offset_mm, f"wrist offset\n{offset_mm:.1f} mm", color=RED, va="center", ha="right", fontsize=8)
+    left.text(4, 8, f"wrist offset\n{offset_mm:.1f} mm", color=RED, rotation=90, va="bottom", fontsize=7.5)
     as_picture(left, "Free closing to first contact")
     right.plot(loads, gap_m * MM, color=BLUE)
     right.axhline(width_mm, color=GREY, ls="--", lw=1)

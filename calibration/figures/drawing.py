@@ -233,6 +233,6 @@ def _fill(
             ec=to_rgba(edge or look.edge, look.alpha),
             lw=1.1 * look.line,
             ls=(0, (3, 2)) if look.dashed else "-",
-            zorder=2,
+            zorder=4 if look.dashed else 2,
         )
     )
