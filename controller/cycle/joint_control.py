@@ -12,8 +12,8 @@ bounded. It stands still while the torque is limited, in the direction that woul
 the commanded joint rests within a band around its goal, small at first and wider once it had time to settle: against
 Coulomb friction an integral would hunt for ever.
 
-A command that runs beyond the position limits is braked before them first (`soft_limits.py`). What is asked for then passes the
-preset's bound of the feedback, and last the limits of the torque's size and rate, which hold whatever comes before.
+A command that runs beyond the position limits is braked before them first (`soft_limits.py`). What is asked for then
+passes the preset's bound of the feedback, and last the limits of the torque's size and rate, which always hold.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ class SoftLimits:
         Where nothing is in the way, the arrays themselves. NaN is passed on.
         """
         angles, speeds = q.tolist(), v.tolist()
-        free = all([lower < angle < upper for (lower, upper), angle in zip(self._free, angles, strict=True)])
+        free = all(lower < angle < upper for (lower, upper), angle in zip(self._free, angles, strict=True))
         if not free or self._apart:
             q, v, a = q.copy(), v.copy(), a.copy()
             apart = []

@@ -1,4 +1,4 @@
-"""The guard of the position limits: never past them, no jerk on the way, and not there for a command that keeps them."""
+"""The guard of the position limits: never past them, no jerk on the way, inert for a command that keeps them."""
 
 from __future__ import annotations
 
