@@ -83,9 +83,9 @@ class OnTable:
         return wrench
 
     def slope(self, before: Reals, last: Reals | None, drive: Drive, held: Reals) -> Reals:
-        """From the last two states; at first contact that of frictionless equilibria."""
+        """From the last two states; where there are none, or nothing led, that of frictionless equilibria."""
         travelled = 0.0 if last is None else float(drive.rows[0] @ (before - last))
-        if last is None or travelled <= 0:
+        if last is None or travelled == 0:
             tangent: Reals = self.system.tangent(before[None], drive, held[None])[0, :, 0]
             return tangent
         secant: Reals = (before - last) / travelled

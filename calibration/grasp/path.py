@@ -44,6 +44,7 @@ __all__ = [
     "required_friction",
     "state_between",
     "trace",
+    "trace_back",
 ]
 
 STEP_M = 1e-4
@@ -60,6 +61,8 @@ LONGEST_WINDING_M = 0.06
 KINK = 3.0
 """Where joints meet or leave a stop, a step may be this many times as long as predicted; a jump to another solution
 is longer."""
+LOAD_JUMP = 3.0
+"""A step may change the mean load by this many full steps of the load, no more: friction lets it jump."""
 ROUNDING = 1e-9
 LOOK_EVERY = 8
 """Points after which the clearances are looked at, many at once; where one has closed is found afterwards."""
@@ -82,8 +85,7 @@ def trace(
     is that of equilibria unless friction adds to it. Errors: MechanicsError for a step that is not positive, or if
     there is nothing to follow.
     """
-    if not 0 < step_m <= 0.01:
-        raise MechanicsError("step_m", f"{step_m!r} is not between 0 and 0.01 m.")
+    _check_step(step_m)
     if load_cap_N is not None and not load_cap_N > system.start.tendon_load_N.max():
         raise MechanicsError(
             "load_cap_N",
@@ -91,8 +93,25 @@ def trace(
         )
     cap_N = system.load_cap_N if load_cap_N is None else load_cap_N
     margins = (*contact_margins(system), *clearances)
-    path = _Follower(system, drive, rule or Equilibria(system), step_m, past_stops, cap_N, margins).path()
-    return _interrupted(path, margins)
+    follower = _Follower(system, drive, rule or Equilibria(system), step_m, past_stops, cap_N, margins)
+    return _interrupted(follower.path(system.first_state(), np.zeros(system.joints)), margins)
+
+
+def trace_back(path: Path, rule: Rule, *, step_m: float = STEP_M) -> Path:
+    """Let out again from the end of `path` by `rule`, under the same drive, until a contact lets go or a tendon slacks.
+
+    Winding and motion of the result count from its own first point. Errors: MechanicsError for a step that is not
+    positive, or if there is nothing to follow.
+    """
+    _check_step(step_m)
+    margins = tuple(contact_margins(path.system))
+    follower = _Follower(path.system, path.drive, rule, step_m, True, np.inf, margins, -1.0)
+    return _interrupted(follower.path(path.w[-1], path.at_stop[-1]), margins)
+
+
+def _check_step(step_m: float) -> None:
+    if not 0 < step_m <= 0.01:
+        raise MechanicsError("step_m", f"{step_m!r} is not between 0 and 0.01 m.")
 
 
 @dataclass
@@ -106,6 +125,8 @@ class _Follower:
     past_stops: bool
     load_cap_N: float
     clearances: tuple[Gap, ...]
+    direction: float = 1.0
+    """1 winds in, −1 lets out"""
 
     def __post_init__(self) -> None:
         system = self.system
@@ -114,7 +135,7 @@ class _Follower:
         self.mean = 0.5 * rows.sum(0)
         self.mean_load = 0.5 * system.load_rows().sum(0)
         self.mean_excursion = 0.5 * system.excursion_rows().sum(0)
-        self.largest_load_N = self.load_cap_N / LOAD_STEPS
+        self.largest_load_N = system.load_cap_N / LOAD_STEPS
         found = events(system)
         self.stops = [event for event in found if event.stop]
         self.ends = [
@@ -124,10 +145,8 @@ class _Follower:
         ]
         self.share = 1.0
 
-    def path(self) -> Path:
+    def path(self, w: Reals, held: Reals) -> Path:
         system = self.system
-        w = system.first_state()
-        held = np.zeros(system.joints)
         points, stops, segments = [w], [held], list[Drive]()
         end = ""
         while not end:
@@ -170,8 +189,9 @@ class _Follower:
         leads = self._leads(w, last, held)
         while self.share >= SMALLEST_SHARE:
             for drive, slope, length in leads:
-                guess = w + self.share * length * slope
-                target = drive.rows @ w + [self.share * length, 0.0]
+                step = self.direction * self.share * length
+                guess = w + step * slope
+                target = drive.rows @ w + [step, 0.0]
                 states = self.rule.solve(w, pressed(guess, held), drive, target)
                 if self._accepted(w, guess, held, states):
                     self.share = min(1.0, 1.5 * self.share)
@@ -204,6 +224,8 @@ class _Follower:
             return False
         scale = self.system.column_scale[: self.system.size]
         unknowns = self.system.unknowns
+        if abs(float(self.mean_load @ (states.w[0] - w))) > LOAD_JUMP * self.largest_load_N:
+            return False
         predicted, found = (np.abs((to - w) / scale)[:unknowns].max() for to in (guess, states.w[0]))
         if (states.at_stop[0] != held).any():  # a kink: the prediction knows nothing of it
             return bool(found < KINK * predicted + ROUNDING)

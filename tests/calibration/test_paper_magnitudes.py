@@ -86,7 +86,7 @@ def test_strawberry_at_most_needs_its_own_load() -> None:
 
 
 def test_strawberry_at_the_nominal_stop_is_predicted() -> None:
-    """22 to 23 mm come without any fit from Table I, public thicknesses and the stop l_F / r, whatever the stiffness."""
+    """22 to 23 mm come without a fit from Table I, public thicknesses and the stop l_F / r, whatever the stiffness."""
     moved = []
     for preset in ("fitted", "nominal"):
         hand = load_hand("t42pf", preset)
