@@ -24,7 +24,7 @@ from calibration.table_file import REBUILD, Arrays, read_file, read_memory, writ
 from calibration.table_grid import GridNodes, Place, Reals, TableGrid, cell_coefficients
 from drivers.errors import InputError, TableError
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 POSE = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
 GRIDS = {
     "excursion": ("mean_excursion_m", "excursion_difference_m"),
@@ -185,7 +185,7 @@ class MotionTable:
             return TableSample(Status.INSIDE, rows, self.contact_pose, self._tendons)
         place, near_0, near_1 = grid.place(mean_N, difference_m)
         column = self._frozen(near_1) if place is Place.BEYOND_END else None
-        if column is not None and self.arrays["frozen.load_N"][column] <= mean_N <= self.header.settings["load_cap_N"]:
+        if column is not None and self.arrays["frozen.load_N"][column] <= mean_N <= self.arrays["frozen.end_N"][column]:
             sample = self._edge(Status.FROZEN, self._excursion, self._excursion.end_at(near_1), near_1)
             slope = self.arrays["frozen.slope_per_N"][column]
             if sample.status is Status.FROZEN:
@@ -354,6 +354,7 @@ def _check(header: TableHeader, arrays: Arrays, source: str | Path) -> None:
         expected: dict[str, tuple[int, ...]] = {
             "frozen.travel_m": (columns,),
             "frozen.load_N": (columns,),
+            "frozen.end_N": (columns,),
             "frozen.slope_per_N": (columns, channels),
         }
         for name in GRIDS:

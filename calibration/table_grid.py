@@ -59,6 +59,31 @@ def cell_coefficients(nodes: GridNodes, step_0: float, step_1: float) -> Reals:
     return np.ascontiguousarray(np.einsum("pa,qb,abijk->ijqpk", CUBIC, CUBIC, paired, optimize=True))
 
 
+def read_nodes(nodes: GridNodes, steps: tuple[float, float], share_0: Reals, share_1: Reals) -> Reals:
+    """Bicubic Hermite values (P, channels) at places (P,) counted in nodes along both axes, many at once; NaN beside a
+    missing node. Beyond the nodes the outermost cell is continued."""
+    i = np.clip(share_0.astype(int), 0, nodes.value.shape[0] - 2)
+    j = np.clip(share_1.astype(int), 0, nodes.value.shape[1] - 2)
+    weights_0, weights_1 = (_hermite(share - cell) for share, cell in ((share_0, i), (share_1, j)))
+    result = np.zeros((share_0.size, nodes.value.shape[2]))
+    for down in (0, 1):
+        for aside in (0, 1):
+            corner = (i + down, j + aside)
+            (value_0, slope_0), (value_1, slope_1) = weights_0[down], weights_1[aside]
+            slope_0, slope_1 = slope_0 * steps[0], slope_1 * steps[1]
+            result += (value_0 * value_1)[:, None] * nodes.value[corner]
+            result += (slope_0 * value_1)[:, None] * nodes.along_0[corner]
+            result += (value_0 * slope_1)[:, None] * nodes.along_1[corner]
+            result += (slope_0 * slope_1)[:, None] * nodes.mixed[corner]
+    return result
+
+
+def _hermite(t: Reals) -> tuple[tuple[Reals, Reals], tuple[Reals, Reals]]:
+    """Weights of value and slope at the near and at the far end of a cell, at the share `t` of it."""
+    smooth = t * t * (3 - 2 * t)
+    return (1 - smooth, t * (1 - t) ** 2), (smooth, t * t * (t - 1))
+
+
 class TableGrid:
     """A readable grid over two index axes. Not for several threads at once: look-ups share a buffer."""
 

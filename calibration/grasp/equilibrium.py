@@ -9,15 +9,16 @@ reference 6, 11 and 14.
 from __future__ import annotations
 
 import math
-from typing import Literal
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from calibration.grasp import equilibrium_newton as newton
-from calibration.grasp import equilibrium_stability
 from calibration.grasp.contact import rolling_contact
-from calibration.grasp.equilibrium_equations import Drive, Flags, GraspEquations
-from calibration.grasp.equilibrium_newton import TOLERANCE, States
+from calibration.grasp.equilibrium_equations import Drive, Flags, GraspEquations, Terms
+from calibration.grasp.equilibrium_newton import TOLERANCE, Reaction, States
+from calibration.grasp.equilibrium_stability import stability
 from calibration.grasp.preposition import first_contact
 from calibration.grasp.specification import GraspSpec
 from calibration.hand.finger import Reals, finger_models
@@ -29,7 +30,10 @@ __all__ = [
     "Drive",
     "Flags",
     "GraspSystem",
+    "Reaction",
+    "Slopes",
     "States",
+    "WrenchSlopes",
     "excursion_drive",
     "grasp_system",
     "load_drive",
@@ -37,17 +41,35 @@ __all__ = [
 ]
 
 
+class WrenchSlopes(NamedTuple):
+    """External wrench at B states (B, 3), its slopes along both targets (B, 3, 2), their mixed derivative (B, 3)."""
+
+    value: Reals
+    along: Reals
+    mixed: Reals
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """At B solutions: dw/dtarget `tangent` (B, size, 2), ∂²w/∂target_0 ∂target_1 `mixed` (B, size), and the largest
+    scaled `residual` (B,) of balance, contacts and tendons."""
+
+    tangent: Reals
+    mixed: Reals
+    residual: Reals
+
+
 class GraspSystem(GraspEquations):
     """One grasp, to be solved. Build it with `grasp_system`."""
 
     def solve(
-        self, guess: Reals, drive: Drive, target: Reals, *, stops: bool = False, wrench: Reals | None = None
+        self, guess: Reals, drive: Drive, target: Reals, *, stops: bool = False, wrench: Reals | Reaction | None = None
     ) -> States:
         """Newton from `guess` (B, size) to the drive's `target` (B, 2). Without `stops` the joints move beyond them.
 
-        `wrench` (B, 3): external wrench on the object; None is none. A state that does not converge says so; nothing is
-        raised. With all of an excursion drive's freedom taken by stops the equations contradict each other: such a
-        state does not converge either; drive by load there.
+        `wrench`: external wrench on the object, (B, 3) or a function of its pose; None is none. A state that does not
+        converge says so; nothing is raised. With all of an excursion drive's freedom taken by stops the equations
+        contradict each other: such a state does not converge either; drive by load there.
         """
         return newton.solve(self, guess, drive, target, stops=stops, wrench=wrench)
 
@@ -58,46 +80,61 @@ class GraspSystem(GraspEquations):
 
         `wrench_slope` (B, 3, 2): how the external wrench changes with the targets.
         """
-        right = np.zeros((w.shape[0], self.size, 2))
+        result = np.empty((*w.shape, 2))
+        for part in newton.parts(w.shape[0]):
+            K = self.matrix(w[part], self.terms(w[part]), drive)
+            if at_stop is not None:
+                newton.hold(K, at_stop[part])
+            result[part] = self._tangent(K, drive, None if wrench_slope is None else wrench_slope[part])
+        return result
+
+    def mixed_derivative(self, w: Reals, drive: Drive, tangent: Reals) -> Reals:
+        """∂²w/∂target_0 ∂target_1 at solutions with no joint at a stop and no external wrench: (B, size)."""
+        terms = self.terms(w)
+        return self._second(w, terms, self.matrix(w, terms, drive), tangent, None)
+
+    def slopes(self, w: Reals, drive: Drive, wrench: WrenchSlopes | None = None) -> Slopes:
+        """Slopes at solutions `w` (B, size) with no joint at a stop, and how well they are solved."""
+        tangent, mixed, residual = np.empty((*w.shape, 2)), np.empty_like(w), np.empty(w.shape[0])
+        for part in newton.parts(w.shape[0]):
+            here = w[part]
+            terms = self.terms(here)
+            K = self.matrix(here, terms, drive)
+            value, along, turning = (None,) * 3 if wrench is None else (array[part] for array in wrench)
+            tangent[part] = self._tangent(K, drive, along)
+            mixed[part] = self._second(here, terms, K, tangent[part], turning)
+            residual[part] = np.abs(self.residual_vector(here, terms, drive, here @ drive.rows.T, value)).max(1)
+        return Slopes(tangent, mixed, residual)
+
+    def _tangent(self, K: Reals, drive: Drive, wrench_slope: Reals | None) -> Reals:
+        right = np.zeros((*K.shape[:2], 2))
         right[:, -2:] = np.diag(1 / self.drive_scale(drive))
         if wrench_slope is not None:
             right[:, self.joints : self.unknowns] = wrench_slope * self.row_scale[self.joints : self.unknowns, None]
-        K = self.matrix(w, self.terms(w), drive)
-        if at_stop is not None:
-            newton.hold(K, at_stop)
         return newton.solved(K, right) * self.column_scale[:, None]
 
-    def mixed_derivative(self, w: Reals, drive: Drive, tangent: Reals, *, wrench_mixed: Reals | None = None) -> Reals:
-        """∂²w/∂target_0 ∂target_1 at solutions with no joint at a stop: (B, size). `wrench_mixed` (B, 3): that of the
-        external wrench."""
-        return self.second_derivative(w, drive, tangent[:, :, 0], tangent[:, :, 1], wrench_second=wrench_mixed)
+    def _second(self, w: Reals, terms: Terms, K: Reals, tangent: Reals, wrench_mixed: Reals | None) -> Reals:
+        right = -self.second(w, terms, tangent[:, :, 0], tangent[:, :, 1])
+        if wrench_mixed is not None:
+            right[:, self.joints : self.unknowns] += wrench_mixed * self.row_scale[self.joints : self.unknowns]
+        return newton.solved(K, right[:, :, None])[:, :, 0] * self.column_scale
 
-    def second_derivative(
-        self, w: Reals, drive: Drive, u: Reals, v: Reals, *, wrench_second: Reals | None = None
-    ) -> Reals:
-        """Second derivative of the solution along two directions of the targets, in which it changes by `u` and `v`
-        (B, size): (B, size)."""
-        terms = self.terms(w)
-        right = -self.second(w, terms, u, v)
-        if wrench_second is not None:
-            right[:, self.joints : self.unknowns] += wrench_second * self.row_scale[self.joints : self.unknowns]
-        return newton.solved(self.matrix(w, terms, drive), right[:, :, None])[:, :, 0] * self.column_scale
-
-    def wrench_tangent(self, w: Reals, drive: Drive) -> Reals:
-        """dw/dwrench at fixed targets: (B, size, 3)."""
-        right = np.zeros((w.shape[0], self.size, 3))
-        right[:, self.joints : self.unknowns] = np.diag(self.row_scale[self.joints : self.unknowns])
-        return newton.solved(self.matrix(w, self.terms(w), drive), right) * self.column_scale[:, None]
-
-    def residual(self, w: Reals, drive: Drive, wrench: Reals | None = None) -> Reals:
-        """Largest scaled residual of balance, contacts and tendons at `w` (B, size) with no joint at a stop; (B,)."""
-        worst: Reals = np.abs(self.residual_vector(w, self.terms(w), drive, w @ drive.rows.T, wrench)).max(1)
-        return worst
+    def change(self, w: Reals, drive: Drive, target_change: Reals, wrench_change: Reals | None = None) -> Reals:
+        """First-order change of solutions `w` (B, size) with changes of target (B, 2) and external wrench (B, 3);
+        (B, size)."""
+        right = np.zeros((w.shape[0], self.size, 1))
+        right[:, -2:, 0] = target_change / self.drive_scale(drive)
+        if wrench_change is not None:
+            right[:, self.joints : self.unknowns, 0] = wrench_change * self.row_scale[self.joints : self.unknowns]
+        return newton.solved(self.matrix(w, self.terms(w), drive), right)[:, :, 0] * self.column_scale
 
     def stability(self, w: Reals, at_stop: Reals | None = None) -> Reals:
         """Smallest eigenvalue of the energy's Hessian on the motions that contacts, excursions and stops leave, per
         stiffest joint (dimensionless, lengths / 30 mm); > 0 is stable, inf when nothing is left to move; (B,)."""
-        return equilibrium_stability.stability(self, w, at_stop)
+        result = np.empty(w.shape[0])
+        for part in newton.parts(w.shape[0]):
+            result[part] = stability(self, w[part], None if at_stop is None else at_stop[part])
+        return result
 
 
 def grasp_system(

@@ -8,6 +8,7 @@ joints are taken and released together. Source: hand-mechanics reference 11 and 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,25 @@ from calibration.hand.finger import Reals
 STEP_LIMIT = 0.2
 """Largest change of a scaled unknown of z in one Newton step (rad, or 30 mm × that)."""
 TOLERANCE = 1e-12
+"""Largest scaled residual of a solution."""
+REACTION_TOLERANCE = 1e-9
+"""Likewise with a wrench that depends on the pose: rounding of the place of an object that sticks leaves no less."""
 ITERATIONS = 30
+TOGETHER = 256
+"""States whose matrices are worked on at once."""
+
+
+class Reaction(Protocol):
+    """An external wrench on the object that depends on its pose."""
+
+    def at(self, pose: Reals, states: NDArray[np.intp]) -> tuple[Reals, Reals]:
+        """Wrench (b, 3), and its derivative in the pose (b, 3, 3) that Newton's method is to reckon with, at `pose`
+        (b, 3) of the numbered `states` (b,)."""
+        ...
+
+    def moved(self, pose_change: Reals, states: NDArray[np.intp]) -> None:
+        """Told by how much (b, 3) these poses have been moved since `at`."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -36,31 +55,69 @@ class States:
 
 
 def solve(
-    system: GraspEquations, guess: Reals, drive: Drive, target: Reals, *, stops: bool, wrench: Reals | None
+    system: GraspEquations, guess: Reals, drive: Drive, target: Reals, *, stops: bool, wrench: Reals | Reaction | None
 ) -> States:
     """Solutions near `guess` (B, size) at the drive's `target` (B, 2); see `GraspSystem.solve`."""
-    w = np.array(guess, dtype=float)
-    torque, active = np.zeros((2, w.shape[0], system.joints))
-    residual = np.full(w.shape[0], np.inf)
-    open_ = np.flatnonzero(np.isfinite(w).all(1))
+    count = guess.shape[0]
+    torque, active = np.zeros((2, count, system.joints))
+    states = States(np.array(guess, float), torque, active, np.zeros(count, bool), np.full(count, np.inf))
+    for part in parts(count):
+        _solve(system, states, drive, target, stops, wrench, np.arange(count)[part])
+    states.converged[:] = states.residual < _tolerance(wrench)
+    return states
+
+
+def parts(count: int) -> list[slice]:
+    """Slices over many states, each small enough to stay in the processor's cache."""
+    return [slice(first, min(first + TOGETHER, count)) for first in range(0, count, TOGETHER)]
+
+
+def _solve(
+    system: GraspEquations,
+    states: States,
+    drive: Drive,
+    target: Reals,
+    stops: bool,
+    wrench: Reals | Reaction | None,
+    chosen: NDArray[np.intp],
+) -> None:
+    """Newton in place for the `chosen` states."""
+    open_ = chosen[np.isfinite(states.w[chosen]).all(1)]
+    pose = slice(system.joints, system.unknowns)
     for _ in range(ITERATIONS):
-        terms = system.terms(w[open_])
-        F = system.residual_vector(w[open_], terms, drive, target[open_], None if wrench is None else wrench[open_])
-        K = system.matrix(w[open_], terms, drive)
+        w = states.w[open_]
+        terms = system.terms(w)
+        pull, stiffness = _pull(wrench, w[:, pose], open_)
+        F = system.residual_vector(w, terms, drive, target[open_], pull)
+        K = system.matrix(w, terms, drive)
+        if stiffness is not None:
+            K[:, pose, pose] -= stiffness * system.row_scale[pose, None] * system.column_scale[pose]
         if stops:
-            hold_stops(system, w, torque, active, open_, F, K)
-        residual[open_] = np.abs(F).max(1)
-        moving = ~(residual[open_] < TOLERANCE) & np.isfinite(residual[open_])
+            hold_stops(system, states.w, states.stop_torque_Nm, states.at_stop, open_, F, K)
+        residual = np.abs(F).max(1)
+        states.residual[open_] = residual
+        moving = ~(residual < _tolerance(wrench)) & np.isfinite(residual)
         if stops:
-            moving &= regular(system, active[open_], drive)
+            moving &= regular(system, states.at_stop[open_], drive)
         if not moving.any():
             break
         open_, F, K = open_[moving], F[moving], K[moving]
         step = -solved(K, F[:, :, None])[:, :, 0]
         longest = np.abs(step[:, : system.unknowns]).max(1)
         step *= np.minimum(1.0, STEP_LIMIT / np.maximum(longest, 1e-300))[:, None] * system.column_scale
-        w[open_] += step
-    return States(w, torque, active, residual < TOLERANCE, residual)
+        states.w[open_] += step
+        if stiffness is not None and not isinstance(wrench, np.ndarray) and wrench is not None:
+            wrench.moved(step[:, pose], open_)
+
+
+def _tolerance(wrench: Reals | Reaction | None) -> float:
+    return TOLERANCE if wrench is None or isinstance(wrench, np.ndarray) else REACTION_TOLERANCE
+
+
+def _pull(wrench: Reals | Reaction | None, pose: Reals, states: NDArray[np.intp]) -> tuple[Reals | None, Reals | None]:
+    if wrench is None:
+        return None, None
+    return (wrench[states], None) if isinstance(wrench, np.ndarray) else wrench.at(pose, states)
 
 
 def hold(K: Reals, active: Reals) -> None:
@@ -97,7 +154,7 @@ def _solved_one(K: Reals, right: Reals) -> Reals:
 def hold_stops(
     system: GraspEquations, w: Reals, torque: Reals, active: Reals, open_: NDArray[np.intp], F: Reals, K: Reals
 ) -> None:
-    """Decide what is at a stop, note its torque, and put z = stop into F and K."""
+    """Decide which joints of the states `open_` are at a stop, note its torque, and put z = stop into their F and K."""
     joints = system.joints
     stiffness = system.stiffness[:joints]
     q = w[open_, :joints]

@@ -2,259 +2,195 @@
 
 Grid axes: mean tendon excursion since first contact, and its difference, right − left (finger-side, m). Nodes are
 solutions of the smooth equations, in which joints pass their stops; so cells that the domain's end crosses can be
-interpolated right up to it. The domain of a column of equal difference begins where the fingers press (N ≥ 0) and
-ends at the first event: a joint at a stop, a tendon at its load cap or slack, contact lost, or no stable equilibrium.
-Source: hand-mechanics reference 6 and 11.
+interpolated right up to it. A coarse grid is followed from first contact (`path_grid_march`); the nodes of the fine one
+are solved all at once from its interpolation, and count only where they agree with it, so that they lie on the same
+branch. Source: hand-mechanics reference 6 and 11.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.grasp.continuation import advance
-from calibration.grasp.equilibrium import Drive, Flags, GraspSystem, excursion_drive, load_drive
+from calibration.grasp.continuation import as_predicted, unwound
+from calibration.grasp.equilibrium import Flags, GraspSystem, excursion_drive
+from calibration.grasp.path_grid_domain import Domain, domain
+from calibration.grasp.path_grid_drag import SupportDrag, slide
+from calibration.grasp.path_grid_events import ROUNDING, Event, Watch, events, known
+from calibration.grasp.path_grid_march import Axes, Followed, Indices, follow, wanted
+from calibration.grasp.path_grid_solutions import Solutions, solutions
 from calibration.hand.finger import Reals
+from calibration.table_grid import read_nodes
 from drivers.errors import MechanicsError
 
-TRACE_STEP_M = 1e-4
-LONGEST_PATH_M = 0.06
-NO_SOLUTION = "no stable equilibrium"
-ROUNDING_N = 1e-9
+__all__ = ["Event", "PathGrid", "events", "known", "solve_path_grid"]
 
-__all__ = ["Event", "PathGrid", "events", "excursion_drive", "known", "load_drive", "solve_path_grid"]
+COARSE_STEP_M = 6e-4
+COARSE_DIFFERENCE_M = 4e-4
+LONGEST_PATH_M = 0.06
+SHORTEST_PATH_M = 1e-3
+BEYOND_CAP = 1.5
+"""The coarse grid is followed so far beyond the load cap, because the support's drag or another branch moves it."""
+AGREEMENT = 0.03
+"""Largest scaled difference between a node and its prediction from coarser nodes or from its neighbours."""
 
 Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
-class Event:
-    """A linear function of w, `row` @ w, that stays on the inner side of `limit`: `sign` · (row @ w − limit) ≥ 0."""
-
-    name: str
-    row: Reals
-    limit: float
-    sign: float
-    stop: bool = False
-
-    def inside(self, w: Reals) -> Reals:
-        """How far inside, positive inside; (…, ) for `w` (…, size)."""
-        distance: Reals = self.sign * (w @ self.row - self.limit)
-        return distance
-
-
-@dataclass(frozen=True)
 class PathGrid:
-    """Solutions on mean × difference; `w` (rows, columns, size), NaN where there is none."""
+    """Solved nodes with their domain; a column that has none keeps no nodes, so that nobody interpolates towards it."""
 
-    mean_m: Reals
-    difference_m: Reals
-    w: Reals
-    start_m: Reals
-    """(columns,) mean excursion where the fingers begin to press"""
-    end_m: Reals
-    """(columns,) mean excursion of the first event; equal to the start where the column has no domain"""
-    end_w: Reals
-    """(columns, size) state at the end"""
-    end_event: tuple[str, ...]
-    """name of the event per column"""
-
-    @property
-    def solved(self) -> Flags:
-        """(rows, columns) where there is a solution."""
-        return known(self.w)
-
-
-def events(system: GraspSystem) -> list[Event]:
-    """All that can end a path, stops first."""
-    names = [f"{side} {joint}" for side in ("right", "left") for joint in ("proximal", "distal")]
-    loads, contacts = system.load_rows(), system.contact_rows()
-    found = []
-    for name, index in zip(names, system.joint_columns, strict=True):
-        row = system.joint_row(index)
-        found.append(Event(f"{name} stop", row, float(system.upper_rad[index]), -1.0, stop=True))
-        found.append(Event(f"{name} lower stop", row, float(system.lower_rad[index]), 1.0, stop=True))
-    for index, side in enumerate(("right", "left")):
-        found.append(Event(f"{side} load cap", loads[index], system.load_cap_N, -1.0))
-        found.append(Event(f"{side} tendon slack", loads[index], 0.0, 1.0))
-        found.append(Event(f"{side} contact lost", contacts[2 * index], 0.0, 1.0))
-    return found
+    solutions: Solutions
+    domain: Domain
+    left_out: Flags
+    """(rows, columns) wanted nodes for which no solution on the branch was found"""
 
 
 def solve_path_grid(
-    system: GraspSystem, *, nodes: int, columns: int, difference_range_m: float, progress: Progress = lambda _: None
+    system: GraspSystem,
+    *,
+    nodes: int,
+    columns: int,
+    difference_range_m: float,
+    drag: SupportDrag | None = None,
+    progress: Progress = lambda _: None,
 ) -> PathGrid:
-    """Solve the grid: `columns` differences over ±`difference_range_m`, about `nodes` means up to the longest
+    """Solve the grid: `columns` (odd) differences over ±`difference_range_m`, about `nodes` means up to the longest
     column's end.
 
     Errors: MechanicsError when there is no path from first contact with equal excursions.
     """
-    drive = excursion_drive(system)
-    origin = drive.rows @ system.first_state()
-    difference = np.linspace(-difference_range_m, difference_range_m, columns)
-    step = _middle_end(system, drive, origin) / (nodes - 3)
-    row = _first_row(system, drive, origin, difference)
-    watched = events(system)
-    rows, means = [row], [0.0]
-    ended = ~known(row)
-    pressed = _pressed(system, row, 0.0)
-    while not _with_neighbours(ended).all() and means[-1] < LONGEST_PATH_M:
-        alive = ~_with_neighbours(ended)
-        target = origin + np.column_stack([np.full(columns, means[-1]), difference])
-        row = advance(system, np.where(alive[:, None], row, np.nan), drive, target, target + np.array([step, 0.0]))
-        rows.append(row)
-        means.append(means[-1] + step)
-        outside = np.array([event.inside(row) < 0 for event in watched if "contact" not in event.name]).any(0)
-        lost = pressed & (row @ system.contact_rows()[[0, 2]].T < 0).any(1)
-        pressed |= _pressed(system, row, 0.0)
-        ended |= outside | lost | ~known(row)
-        progress(min(1.0, len(rows) / (nodes + 4)))
-    grid = PathGrid(
-        np.array(means), difference, np.array(rows), np.zeros(columns), np.zeros(columns), np.empty((0, 0)), ()
-    )
-    return _with_ends(system, drive, origin, grid)
-
-
-def known(values: Reals) -> Flags:
-    """Where the last axis is finite throughout."""
-    return np.asarray(np.isfinite(values).all(-1), np.bool_)
-
-
-def _middle_end(system: GraspSystem, drive: Drive, origin: Reals) -> float:
-    """Mean excursion at which the path of equal excursions ends, from a fine trace, m."""
-    w, mean = system.first_state()[None], 0.0
-    watched = [event for event in events(system) if "contact" not in event.name]
-    while mean < LONGEST_PATH_M:
-        target = origin + np.array([[mean, 0.0]])
-        step = np.array([[TRACE_STEP_M, 0.0]])
-        moved = advance(system, w, drive, target, target + step)
-        if not np.isfinite(moved).all() or min(float(event.inside(moved)[0]) for event in watched) < 0:
-            break
-        if not _pressed(system, moved, 0.0)[0]:
-            break
-        w, mean = moved, mean + TRACE_STEP_M
-    if mean < 10 * TRACE_STEP_M:
+    watch = Watch(system)
+    at_contact = watch.margins(system.first_state()[None])[0]
+    if (at_contact < -ROUNDING).any():
         raise MechanicsError(
             "grasp",
-            f"the path from first contact ends after {mean * 1e3:.1f} mm of winding.",
+            f"impossible from first contact on: {watch.names[int(np.argmin(at_contact))]}.",
+            help="Take another object, its other placement, or a smaller onset split.",
+        )
+    alike = drag is None and system.friction_direction == 1
+    coarse = _coarse_solutions(system, watch, columns, difference_range_m, 1.0 if alike else BEYOND_CAP)
+    progress(0.3)
+    ends = domain(system, watch, coarse)
+    end_m = float(ends.end_m[ends.end_m.size // 2])
+    if end_m < SHORTEST_PATH_M:
+        raise MechanicsError(
+            "grasp",
+            f"the path from first contact ends after {end_m * 1e3:.1f} mm of winding: "
+            f"{ends.end_event[ends.end_m.size // 2]}.",
             help="Take another object, or a smaller onset split, or a higher load cap.",
         )
-    return mean
-
-
-def _first_row(system: GraspSystem, drive: Drive, origin: Reals, difference: Reals) -> Reals:
-    """Solutions at mean 0 for all differences, followed outwards from first contact."""
-    middle = difference.size // 2
-    row = np.full((difference.size, system.size), np.nan)
-    row[middle] = system.first_state()
-    for k in range(1, middle + 1):
-        to, back = np.array([middle + k, middle - k]), np.array([middle + k - 1, middle - k + 1])
-        start, end = (origin + np.column_stack([[0.0, 0.0], difference[columns]]) for columns in (back, to))
-        row[to] = advance(system, row[back], drive, start, end)
-    return row
-
-
-def _pressed(system: GraspSystem, w: Reals, least_N: float) -> Flags:
-    return np.asarray((w @ system.contact_rows()[[0, 2]].T > least_N).all(1), np.bool_)
-
-
-def _with_neighbours(ended: Flags) -> Flags:
-    """Columns that have ended and whose neighbours have: nobody interpolates beyond them."""
-    padded = np.concatenate([[True], ended, [True]])
-    done: Flags = padded[:-2] & padded[1:-1] & padded[2:]
-    return done
-
-
-def _with_ends(system: GraspSystem, drive: Drive, origin: Reals, grid: PathGrid) -> PathGrid:
-    """The grid with its domain; a column that has none keeps no nodes, so that nobody interpolates towards it."""
-    columns = grid.difference_m.size
-    w, start, end = grid.w.copy(), np.zeros(columns), np.zeros(columns)
-    end_w, names = np.full((columns, system.size), np.nan), []
-    stable = np.zeros(grid.solved.shape, bool)
-    stable[grid.solved] = system.stability(grid.w[grid.solved]) > 0
-    for column in range(columns):
-        path, steady = w[:, column], stable[:, column]
-        difference = float(grid.difference_m[column] + origin[1])
-        first = _column_start(system, drive, origin, path, difference, grid.mean_m)
-        mean, state, name = 0.0, path[0], NO_SOLUTION
-        if first is not None:
-            mean, state, name = _column_end(system, drive, origin, path, steady, difference, first, grid.mean_m)
-        names.append(name)
-        if first is None or mean <= first:
-            w[:, column] = np.nan
-        else:
-            start[column], end[column], end_w[column] = first, mean, state
-    return PathGrid(grid.mean_m, grid.difference_m, w, start, end, end_w, tuple(names))
-
-
-def _column_start(
-    system: GraspSystem, drive: Drive, origin: Reals, path: Reals, difference: float, mean_m: Reals
-) -> float | None:
-    """Mean excursion, not below 0, from which both fingers press; None if they never do."""
-    contacts = system.contact_rows()[[0, 2]]
-    pressing = np.flatnonzero((path @ contacts.T >= -ROUNDING_N).all(1))
-    if pressing.size == 0:
-        return None
-    first = int(pressing[0])
-    if first == 0:
-        return 0.0
-    start = 0.0
-    for row in contacts:
-        if row @ path[first - 1] < 0:
-            event = Event("", row, 0.0, 1.0)
-            found = _crossing(system, drive, event, path[first - 1], path[first], difference)
-            start = max(start, float(drive.rows[0] @ found - origin[0]) if found is not None else float(mean_m[first]))
-    return start
-
-
-def _crossing(
-    system: GraspSystem, drive: Drive, event: Event, before: Reals, after: Reals, difference: float
-) -> Reals | None:
-    """State between two nodes of a column at which the event happens; None if it cannot be found there."""
-    inside, outside = float(event.inside(before)), float(event.inside(after))
-    guess = before + inside / (inside - outside) * (after - before)
-    states = system.solve(
-        guess[None], Drive(np.array([event.row, drive.rows[1]])), np.array([[event.limit, difference]])
+    step_m = float(ends.end_m.max()) / (nodes - 3)
+    axes = Axes(
+        coarse.axes.drive,
+        coarse.axes.origin,
+        step_m * np.arange(float(nodes + max(4, nodes // 4))),
+        np.linspace(-difference_range_m, difference_range_m, columns),
     )
-    first, mean, last = (float(drive.rows[0] @ w) for w in (before, states.w[0], after))
-    return states.w[0] if states.converged[0] and first - 1e-9 <= mean <= last + 1e-9 else None
+    found, expected = _interpolated(system, watch, coarse, ends, axes, drag)
+    progress(0.7)
+    follow(system, watch, axes, found, expected)
+    return _with_domain(system, watch, axes, found)
 
 
-def _column_end(
-    system: GraspSystem,
-    drive: Drive,
-    origin: Reals,
-    path: Reals,
-    stable: Flags,
-    difference: float,
-    start_m: float,
-    mean_m: Reals,
-) -> tuple[float, Reals, str]:
-    """First event of a column: mean excursion, state, name."""
-    watched = events(system)
-    inner = mean_m >= start_m
-    for event in watched:
-        if "contact" not in event.name and not event.inside(path[0]) >= 0:
-            return 0.0, path[0], event.name
-    for index in range(1, mean_m.size):
-        if not stable[index - 1 : index + 1].all():
-            return float(mean_m[index - 1]), path[index - 1], NO_SOLUTION
-        before, after = path[index - 1], path[index]
-        crossed = [
-            event
-            for event in watched
-            if event.inside(after) < -ROUNDING_N <= event.inside(before)
-            and (inner[index - 1] or "contact" not in event.name)
-        ]
-        found = []
-        for event in crossed:
-            state = _crossing(system, drive, event, before, after, difference)
-            if state is not None:
-                found.append((float(drive.rows[0] @ state - origin[0]), state, event.name))
-        if found:
-            return min(found, key=lambda item: item[0])
-        if crossed:
-            return float(mean_m[index - 1]), before, crossed[0].name
-    return float(mean_m[-1]), path[-1], NO_SOLUTION
+def _coarse_solutions(
+    system: GraspSystem, watch: Watch, columns: int, difference_range_m: float, beyond_cap: float
+) -> Solutions:
+    """A coarse grid without drag, followed from first contact while winding, then brought to the system's branch."""
+    drive = excursion_drive(system)
+    first = system.first_state()
+    half = min(columns // 2, math.ceil(difference_range_m / COARSE_DIFFERENCE_M))
+    axes = Axes(
+        drive,
+        drive.rows @ first,
+        np.arange(0.0, LONGEST_PATH_M, COARSE_STEP_M),
+        np.linspace(-difference_range_m, difference_range_m, 2 * half + 1),
+    )
+    winding = replace(system, friction_direction=1.0, load_cap_N=beyond_cap * system.load_cap_N)
+    winding_watch = Watch(winding)
+    found = Followed.nothing(axes, winding, winding_watch)
+    found.w[0, half] = first
+    follow(winding, winding_watch, axes, found)
+    rows = max(4, int(np.flatnonzero(known(found.w).any(1))[-1]) + 1)
+    axes = replace(axes, mean_m=axes.mean_m[:rows])
+    w = found.w[:rows]
+    solved = known(w)
+    w[solved] = unwound(system, w[solved], drive, axes.targets(*np.nonzero(solved)))
+    return solutions(system, watch, axes, w, None)
+
+
+def _interpolated(
+    system: GraspSystem, watch: Watch, coarse: Solutions, ends: Domain, axes: Axes, drag: SupportDrag | None
+) -> tuple[Followed, Reals]:
+    """Fine nodes solved from the interpolation of the coarse ones, and what the clearances are expected to be."""
+    found = Followed.nothing(axes, system, watch)
+    share_0 = coarse.share(axes.mean_m)
+    share_1 = (axes.difference_m - coarse.axes.difference_m[0]) / coarse.axes.steps_m[1]
+    longer = np.maximum(ends.end_m[:-1], ends.end_m[1:])
+    cell = np.clip(share_1.astype(int), 0, longer.size - 1)
+    near = axes.mean_m[:, None] <= longer[cell] + 2 * axes.steps_m[0]
+    near &= share_0[:, None] <= coarse.axes.shape[0] - 1
+    rows, columns = np.nonzero(near)
+
+    def guess(places: Reals, columns: Indices) -> Reals:
+        mean = axes.mean_m[0] + places * axes.steps_m[0]
+        return read_nodes(coarse.nodes, coarse.axes.steps_m, coarse.share(mean), share_1[columns])
+
+    guesses = np.full((*axes.shape, system.size), np.nan)
+    guesses[near] = guess(rows.astype(float), columns)
+    if drag is None:
+        rows, columns = np.nonzero(known(guesses))
+        states = system.solve(guesses[rows, columns], axes.drive, axes.targets(rows, columns))
+        good = states.converged & as_predicted(system, states.w, guesses[rows, columns], AGREEMENT)
+        found.w[rows[good], columns[good]] = states.w[good]
+    else:
+        found.w, found.wrench = slide(system, drag, axes, known(guesses), guess)
+    expected = np.full((*axes.shape, len(watch.names) - watch.linear), np.nan)
+    rows, columns = np.nonzero(near)
+    expected[near] = _bilinear(coarse.margins[:, :, watch.linear : -1], share_0[rows], share_1[columns])
+    return found, expected
+
+
+def _bilinear(values: Reals, share_0: Reals, share_1: Reals) -> Reals:
+    """Values (P, k) between the nodes of (rows, columns, k) at places (P,) counted in nodes."""
+    i = np.clip(share_0.astype(int), 0, values.shape[0] - 2)
+    j = np.clip(share_1.astype(int), 0, values.shape[1] - 2)
+    u, v = (share_0 - i)[:, None], (share_1 - j)[:, None]
+    low = (1 - v) * values[i, j] + v * values[i, j + 1]
+    high = (1 - v) * values[i + 1, j] + v * values[i + 1, j + 1]
+    return np.asarray((1 - u) * low + u * high)
+
+
+def _with_domain(system: GraspSystem, watch: Watch, axes: Axes, found: Followed) -> PathGrid:
+    """The finished grid."""
+    rows = max(4, int(np.flatnonzero(known(found.w).any(1))[-1]) + 1)
+    axes = replace(axes, mean_m=axes.mean_m[:rows])
+    left_out = wanted(watch, found.margins)[:rows] & ~known(found.w[:rows])
+    wrench = None if found.wrench is None else found.wrench[:rows]
+    solved = solutions(system, watch, axes, found.w[:rows], wrench, found.margins[:rows])
+    stray = ~_agreeing(system, solved)
+    if stray.any():
+        w = np.where(stray[:, :, None], np.nan, solved.w)
+        margins = np.where(stray[:, :, None], np.nan, found.margins[:rows])
+        solved = solutions(system, watch, axes, w, wrench, margins)
+    found_domain = domain(system, watch, solved)
+    empty = found_domain.end_m <= found_domain.start_m
+    solved.w[:, empty] = np.nan
+    return PathGrid(solved, found_domain, left_out | stray)
+
+
+def _agreeing(system: GraspSystem, solved: Solutions) -> Flags:
+    """(rows, columns) where a node agrees with what its neighbours on either side predict of it, or has none."""
+    agree = np.ones(solved.solved.shape, bool)
+    along = solved.nodes.along_0, solved.nodes.along_1
+    for axis in (0, 1):
+        w, slope = (np.moveaxis(values, axis, 0) for values in (solved.w, along[axis]))
+        step = solved.axes.steps_m[axis]
+        predicted = 0.5 * (w[:-2] + w[2:]) + step / 4 * (slope[:-2] - slope[2:])
+        away = np.abs((w[1:-1] - predicted) / system.column_scale).max(2)
+        np.moveaxis(agree, axis, 0)[1:-1] &= ~(away > AGREEMENT)
+    return agree

@@ -11,11 +11,11 @@ from calibration.objects import load_object
 
 @pytest.fixture(scope="session")
 def symmetric_table() -> MotionTable:
-    """T42PP, fitted, 40 mm cylinder, symmetric."""
-    return build_table(load_hand("t42pp"), load_object("cylinder40"), GraspSpec())
+    """T42PP, fitted, 40 mm cylinder, symmetric, lifted."""
+    return build_table(load_hand("t42pp"), load_object("cylinder40"), GraspSpec(supported=False))
 
 
 @pytest.fixture(scope="session")
 def split_table() -> MotionTable:
-    """T42PP, fitted, 40 mm cylinder, 10 % onset split."""
-    return build_table(load_hand("t42pp"), load_object("cylinder40"), GraspSpec(onset_split=0.1))
+    """T42PP, fitted, 40 mm cylinder, 10 % onset split, lifted."""
+    return build_table(load_hand("t42pp"), load_object("cylinder40"), GraspSpec(onset_split=0.1, supported=False))

@@ -8,8 +8,7 @@ from msgspec.structs import replace
 
 from calibration.build import build_or_load, build_table, inputs_sha256, is_current
 from calibration.grasp.continuation import advance
-from calibration.grasp.equilibrium import GraspSystem, grasp_system
-from calibration.grasp.path_grid import excursion_drive, load_drive
+from calibration.grasp.equilibrium import GraspSystem, excursion_drive, grasp_system, load_drive
 from calibration.grasp.specification import GraspSpec
 from calibration.hand.finger import Reals
 from calibration.hand.parameters import load_hand
@@ -112,7 +111,7 @@ def test_beyond_all_stops_the_pose_is_frozen_and_the_force_rises(symmetric_table
 
 def test_a_load_cap_ends_the_domain() -> None:
     """With a cap of 60 N the end curve is where the more loaded tendon carries 60 N."""
-    table = build_table(HAND, CYLINDER, GraspSpec(onset_split=0.1, load_cap_N=60.0), nodes=13)
+    table = build_table(HAND, CYLINDER, GraspSpec(onset_split=0.1, load_cap_N=60.0, supported=False), nodes=13)
     for difference in table.arrays["excursion.axis_1"][::3]:
         sample = table.at_excursion(table.mean_excursion_end_m(difference) - 1e-9, difference)
         assert sample.tension.max() == pytest.approx(60.0, abs=1e-3)
@@ -164,9 +163,9 @@ def test_progress_rises_to_one() -> None:
 
 
 def test_an_extreme_grasp_gives_an_honest_table() -> None:
-    """40 % split on a thin object: tendons go slack and contacts part; every sample is finite and has its status, and
+    """30 % split: contacts part and a phalanx meets the object; every sample is finite and has its status, and
     what is inside presses with both fingers, pulls with both tendons and keeps within the load cap."""
-    table = build_table(HAND, load_object("cylinder30"), GraspSpec(onset_split=0.4), nodes=21)
+    table = build_table(HAND, CYLINDER, GraspSpec(onset_split=0.3, supported=False), nodes=21)
     (low, high), (left, right) = table.excursion_range
     rng = np.random.default_rng(5)
     seen = set()

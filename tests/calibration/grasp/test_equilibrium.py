@@ -11,8 +11,7 @@ from msgspec.structs import replace
 from scipy.optimize import NonlinearConstraint, brentq, minimize
 
 from calibration.grasp.continuation import advance
-from calibration.grasp.equilibrium import GraspSystem, grasp_system
-from calibration.grasp.path_grid import excursion_drive, load_drive
+from calibration.grasp.equilibrium import GraspSystem, excursion_drive, grasp_system, load_drive
 from calibration.grasp.specification import GraspSpec
 from calibration.hand.finger import Reals
 from calibration.hand.parameters import Hand, PinJoint, load_hand
