@@ -143,9 +143,7 @@ def run_case(config: RobotConfig, case: GraspCase, watch: Watch, *, index: str, 
     table = MotionTable.load(Path(config.tables.directory) / f"{table_name(case)}.npz")
     joints = approach_joints(config, table, case)
     robot = VirtualRobot(config, case.scene, recorder=watch, observe=watch.observe)
-    robot.run_for(0.05)  # the cycle runs before the operator activates the arm
-    robot.press("activate")
-    robot.run_for(0.1)
+    robot.activate()
     with robot.client() as client:
         return command_grasp(
             client,

@@ -24,11 +24,13 @@ from controller.simulation.world import World
 from drivers.clock import VirtualClock, nanoseconds
 from drivers.dynamixel.port import WaitingPort
 from drivers.dynamixel.tendons import TendonPair
+from drivers.errors import NoReplyError
 from drivers.simulated.can_hub import MemoryCanBus, MemoryCanHub
 from drivers.simulated.serial_lines import MemoryLine
 from drivers.wam.safety_puck import Guard
 
 FRONT_PERIOD_S = 0.01
+LONGEST_START_S = 20.0
 RECORDS_WAITING = 16
 
 
@@ -92,6 +94,7 @@ class VirtualRobot:
             Planner(config, shelf),
             shelf,
         )
+        self._cycle_runs = False
         self._front_period_ns = nanoseconds(FRONT_PERIOD_S)
         self.time.add(Part("world", clocks["world"], self._step_world))
         self.time.add(Part("hub", clocks["hub"], self._step_hub))
@@ -112,6 +115,14 @@ class VirtualRobot:
         """Let virtual time pass."""
         self.time.run_until(self.time.now_ns + nanoseconds(duration_s))
 
+    def activate(self) -> None:
+        """Let the arm start up, then press Shift+Activate, as an operator would."""
+        if not self.time.run_until(self.time.now_ns + nanoseconds(LONGEST_START_S), lambda: self._cycle_runs):
+            raise NoReplyError("WAM", f"the simulated arm did not start up within {LONGEST_START_S:g} s.")
+        self.run_for(0.05)
+        self.press("activate")
+        self.run_for(0.1)
+
     def client(self) -> Client:
         """A client of the front; while it waits, virtual time runs."""
         clock = self._clocks["client"]
@@ -131,6 +142,7 @@ class VirtualRobot:
         return now_ns + nanoseconds(0.002)
 
     def _step_cycle(self) -> int | None:
+        self._cycle_runs = True
         self.cycle.step()
         return None if self.cycle.finished else self.cycle.pacer.deadline_ns
 

@@ -174,6 +174,8 @@ class ThirdClient:
         """A property of the safety puck."""
         number = property_id(name, 197, "safety")
         for _ in range(10):
+            while self.bus.recv(0.0) is not None:
+                pass  # what was said before, to the daemon's own questions too
             self.bus.send(get_property(10, number))
             reply = self._first(lambda message: message.arbitration_id == 0x546 and message.data[0] & 0x7F == number)
             if reply is not None:

@@ -64,9 +64,7 @@ class Robot:
         self._observer = WorldObserver(self.virtual.world, configured_hand(config))
         self.run_for = self.virtual.run_for
         self.press = self.virtual.press
-        self.run_for(0.05)
-        self.press("activate")
-        self.run_for(0.1)
+        self.virtual.activate()
         self.client: Client = self.virtual.client()
         self.client.grasp_preposition(
             table_name(case),
