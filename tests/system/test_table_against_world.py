@@ -37,7 +37,7 @@ COARSE_PERIOD_S = 1e-3
 END_SHARE = 0.9
 """Of the domain: up to the first stop, where paths have a kink."""
 POINTS = 12
-NODES = 17
+NODES = 13
 SPOOL_RADIUS_M = 0.0105
 STANDING_HEIGHT_M = 0.02
 """Objects on rough supports are low, or the drag at the foot would tilt them."""
@@ -226,7 +226,7 @@ def test_support_drags_as_the_friction_law_says(
 
 @pytest.mark.parametrize(
     ("hand", "grasped", "tip_friction", "share"),
-    [("t42pp", "cylinder40", 1.0, 0.002), ("t42pp", "cylinder40", 0.5, 0.004), ("t42pf", "mustard", 0.5, 0.015)],
+    [("t42pp", "cylinder40", 1.0, 0.002), ("t42pf", "mustard", 0.5, 0.015)],
 )
 def test_fingertips_slip_as_far_as_the_friction_law_says(
     hand: str, grasped: str, tip_friction: float, share: float
