@@ -2,8 +2,7 @@
 
 The own file holds what was measured on one arm, any of the same keys; it is laid over the packaged file.
 
-All arrays have seven elements in joint order (base to tool), or motor order where the name says motor, and are
-read-only. SI units, joint angles in the DH convention of the WAM reference 6.1; sources beside the values in the file.
+Arrays have seven elements in joint order (base to tool), or motor order where the name says motor, and are read-only. SI units, joint angles in the DH convention of the WAM reference 6.1; sources beside the values in the file.
 """
 
 from __future__ import annotations
@@ -48,8 +47,13 @@ class WamParameters:
     rotor_inertia_kgm2: NDArray[np.float64]
     """Rotor inertia seen from the joint, to be added about the joint axis."""
     viscous_friction_Nms_per_rad: NDArray[np.float64]
+    gravity_mu_kg_m: NDArray[np.float64] | None = None
+    """Identified gravity vectors of the bare arm, (7, 3), each in its link's DH frame (6.6); None: masses are used."""
 
 
+_OPTIONAL = frozenset({"gravity_mu_kg_m"})
+_LARGEST_MU_KG_M = 20.0
+"""Ten times what the whole arm weighs at the elbow."""
 _ANY_SIGN = frozenset({"home_rad", "zero_angle_rad", "joint_lower_rad", "joint_upper_rad"})
 _HIGHEST = {"safety_velocity_m_s": 7.0, "safety_motor_torque_Nm": 3.0}
 """Single numbers: above these the safety puck would never fault (WAM reference 3.2)."""
@@ -71,7 +75,7 @@ def load_wam_parameters(path: Path | None = None, *, own: Path | None = None) ->
                 raise ConfigurationError(file, key, document[key], f"only the keys {', '.join(sorted(known))}")
             content |= document
             origin |= dict.fromkeys(document, file)
-    for key in known - content.keys():
+    for key in known - _OPTIONAL - content.keys():
         raise ConfigurationError(base, key, None, "a value: the key is missing")
     values: dict[str, Any] = {}
     for key, value in content.items():
@@ -81,6 +85,8 @@ def load_wam_parameters(path: Path | None = None, *, own: Path | None = None) ->
             values[key] = value
         elif key in _HIGHEST:
             values[key] = _number(origin[key], key, value)
+        elif key in _OPTIONAL:
+            values[key] = _gravity_vectors(origin[key], key, value)
         else:
             values[key] = _seven(origin[key], key, value)
     parameters = WamParameters(**values)
@@ -108,5 +114,19 @@ def _seven(file: Path, key: str, value: object) -> NDArray[np.float64]:
     array = np.array(value, dtype=np.float64)
     if not np.all(np.isfinite(array)) or (key not in _ANY_SIGN and np.any(array <= 0.0)):
         raise ConfigurationError(file, key, value, accepted)
+    array.flags.writeable = False
+    return array
+
+
+def _gravity_vectors(file: Path, key: str, value: object) -> NDArray[np.float64]:
+    """Check seven rows of three numbers."""
+    rows = value if isinstance(value, list) else []
+    numbers = [item for row in rows if isinstance(row, list) and len(row) == 3 for item in row]
+    real = all(isinstance(item, int | float) and not isinstance(item, bool) for item in numbers)
+    if len(rows) != JOINTS or len(numbers) != 3 * JOINTS or not real:
+        raise ConfigurationError(file, key, value, "seven rows of three numbers, kg·m")
+    array = np.array(rows, dtype=np.float64)
+    if not np.all(np.abs(array) <= _LARGEST_MU_KG_M):
+        raise ConfigurationError(file, key, value, f"seven rows of three numbers within ±{_LARGEST_MU_KG_M:g} kg·m")
     array.flags.writeable = False
     return array

@@ -9,6 +9,7 @@ import pytest
 
 from drivers.errors import ConfigurationError
 from drivers.wam import parameters
+from drivers.wam.own_file import write_own_file
 from drivers.wam.parameters import load_wam_parameters
 
 _BUILT_IN = Path(parameters.__file__).with_name("wam7.toml")
@@ -47,3 +48,27 @@ def test_bad_value_is_named(tmp_path: Path, old: str, new: str, key: str) -> Non
     with pytest.raises(ConfigurationError, match=key) as caught:
         load_wam_parameters(file)
     assert caught.value.file == str(file)
+
+
+def test_gravity_vectors_of_the_own_file_are_laid_over(tmp_path: Path) -> None:
+    """Protects the calibration: what was identified on this arm is used, and without it nothing is assumed."""
+    assert load_wam_parameters().gravity_mu_kg_m is None
+    own = tmp_path / "arm.toml"
+    rows = [[0.1 * joint, -0.2, 1e-3] for joint in range(7)]
+    write_own_file(own, {"gravity_mu_kg_m": rows})
+    mu = load_wam_parameters(own=own).gravity_mu_kg_m
+    assert mu is not None
+    np.testing.assert_array_equal(mu, rows)
+
+
+@pytest.mark.parametrize(
+    "rows",
+    ["3.0", "[[0.0, 0.0, 0.0]]", "[[0.0], [0.0], [0.0], [0.0], [0.0], [0.0], [0.0]]"]
+    + [f"[{', '.join(['[0.0, 0.0, ' + bad + ']'] * 7)}]" for bad in ("nan", "inf", "21.0", "true", "'x'")],
+)
+def test_gravity_vectors_that_are_none_are_refused(tmp_path: Path, rows: str) -> None:
+    """Protects the arm from gravity of a damaged file."""
+    own = tmp_path / "arm.toml"
+    own.write_text(f"gravity_mu_kg_m = {rows}\n")
+    with pytest.raises(ConfigurationError, match="seven rows of three numbers"):
+        load_wam_parameters(own=own)
