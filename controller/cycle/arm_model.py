@@ -5,7 +5,9 @@ from the moment it is lifted, the object. The wrist frame W is the tool plate. T
 it is DH frame 0 (WAM reference 6.1). Angles in rad, torques in N·m, poses as 4×4 homogeneous matrices in metres;
 velocities of the wrist are taken at its origin in world axes, linear part first.
 
-Rotor inertias are part of the mass matrix (WAM reference 6.5): they are as large as the links' own.
+Rotor inertias are part of the mass matrix (WAM reference 6.5): they are as large as the links' own. The arm's own
+gravity comes from its masses or, where they were identified, from gravity vectors (`gravity_vectors.py`); the hand's
+and the object's always from masses.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
+from controller.cycle.gravity_vectors import GravityDifference, checked_mu, mu_of_masses
 from drivers.errors import InputError
 from drivers.wam.parameters import WamParameters, load_wam_parameters
 
@@ -81,7 +84,8 @@ class ArmModel:
     T_wrist_hand  (4×4) the hand frame in the wrist frame: where hand and payload are mounted
     T_world_base  (4×4) DH frame 0 in the world; gravity acts along −z of the world
     payload       the object; it weighs nothing until `set_payload_fraction`
-    parameters    rotor inertias; by default those of `drivers/wam/wam7.toml`
+    parameters    rotor inertias, and gravity vectors of the bare arm where there are any; by default those of
+                  `drivers/wam/wam7.toml`
     friction      coefficients of `friction(v)`
 
     Every method takes joint angles, velocities and accelerations as (7) arrays and raises InputError when one has
@@ -108,6 +112,12 @@ class ArmModel:
         self._last_joint = self._model.frames[self._wrist].parentJoint
         wrist = self._model.frames[self._wrist].placement
         self._T_last_joint_hand = wrist * _se3(self.T_wrist_hand)
+        self._mu = mu_of_masses(self._model, wrist)
+        self._gravity_difference: GravityDifference | None = None
+        if parameters.gravity_mu_kg_m is not None:
+            identified = checked_mu(parameters.gravity_mu_kg_m, JOINTS)
+            self._gravity_difference = GravityDifference(self._model, wrist, identified - self._mu)
+            self._mu = identified
         self._empty_inertia = self._model.inertias[self._last_joint].copy()
         if hand is not None:
             self._empty_inertia = self._empty_inertia + self._at_last_joint(hand, 1.0)
@@ -151,7 +161,15 @@ class ArmModel:
     def gravity(self, q: npt.ArrayLike) -> FloatArray:
         """Torques (7, N·m) that hold the arm still against gravity."""
         q = checked_joints(q, "joint angles")
-        return np.array(pinocchio.computeGeneralizedGravity(self._model, self._data, q))
+        torque = np.array(pinocchio.computeGeneralizedGravity(self._model, self._data, q))
+        if self._gravity_difference is not None:
+            torque += self._gravity_difference.torque(q)
+        return torque
+
+    @property
+    def gravity_mu_kg_m(self) -> FloatArray:
+        """Gravity vectors (7, 3) of the bare arm, in DH frames: those in use, identified or worked out from masses."""
+        return self._mu.copy()
 
     def inverse_dynamics(self, q: npt.ArrayLike, v: npt.ArrayLike, a: npt.ArrayLike) -> FloatArray:
         """Torques (7, N·m) for joint velocity `v` (rad/s) and acceleration `a` (rad/s²).
@@ -161,7 +179,10 @@ class ArmModel:
         q = checked_joints(q, "joint angles")
         v = checked_joints(v, "joint velocities")
         a = checked_joints(a, "joint accelerations")
-        return np.array(pinocchio.rnea(self._model, self._data, q, v, a))
+        torque = np.array(pinocchio.rnea(self._model, self._data, q, v, a))
+        if self._gravity_difference is not None:
+            torque += self._gravity_difference.torque(q)
+        return torque
 
     def mass_matrix(self, q: npt.ArrayLike) -> FloatArray:
         """Joint-space mass matrix (7×7, kg·m²), rotors included."""

@@ -2,7 +2,8 @@
 
 The own file holds what was measured on one arm, any of the same keys; it is laid over the packaged file.
 
-Arrays have seven elements in joint order (base to tool), or motor order where the name says motor, and are read-only. SI units, joint angles in the DH convention of the WAM reference 6.1; sources beside the values in the file.
+Arrays have seven elements in joint order (base to tool), or motor order where the name says motor, and are read-only.
+SI units, joint angles in the DH convention of the WAM reference 6.1; sources beside the values in the file.
 """
 
 from __future__ import annotations
