@@ -114,6 +114,11 @@ class SeqpacketBus(can.BusABC):
     def _apply_filters(self, filters: can.typechecking.CanFilters | None) -> None:
         """Nothing to hand on: `_recv_internal` filters."""
 
+    @property
+    def frame_socket(self) -> socket.socket:
+        """What carries the packets."""
+        return self._socket
+
     def fileno(self) -> int:
         """File descriptor to select on."""
         return self._socket.fileno()

@@ -1,4 +1,5 @@
-"""CAN frames of the WAM: identifiers and payloads, packed and parsed by pure functions on `can.Message`.
+"""CAN frames of the WAM: identifiers and payloads, packed and parsed by pure functions on `can.Message` or, for the
+cycle, on bare bytes.
 
 All frames are standard 11-bit data frames. The identifier is a group bit, the sender's node (host 0, pucks 1 to 7,
 safety puck 10) and a destination node or group. Positions are encoder counts, torques puck units; positions and torques
@@ -28,12 +29,20 @@ SAFETY_NODE = 10
 UNASKED_SAFETY_ID = 0x540
 """The safety puck's own frames to the motor pucks."""
 
+RawFrame = tuple[int, bytes]
+"""Identifier and data of a frame."""
+ERROR_FRAME = 0x20000000
+"""Flag in the identifier of an error frame, which the adapter tells its host (linux/can/error.h)."""
+
 TORQUE_LIMIT_UNITS = 8191
 _SENDER_MASK = 0x3E0
 _TO_MASK = 0x41F
 _POSITION_TO = GROUP_BIT | GROUP_POSITION
 _PROPERTY_TO = GROUP_BIT | GROUP_PROPERTY
 _JOINT_ENCODER_TO = GROUP_BIT | GROUP_JOINT_ENCODER
+
+POSITION_MOTORS = {_POSITION_TO | node << 5: node - 1 for node in range(1, 8)}
+"""Index of the motor, 0 to 6, by the identifier of its position reply."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,13 +98,19 @@ def torque_frame(group: int, values: Sequence[float], property_id: int = 42) -> 
     if not 1 <= len(values) <= 4:
         raise InputError(f"{len(values)} torques do not fit into a frame; expected one to four.")
     _check_address(GROUP_BIT | group, property_id)
-    bits = 0
     for value in values:
         if not isfinite(value):
             raise InputError(f"torque {value} is not finite; expected puck units between -8191 and 8191.")
-        bits = bits << 14 | (floor(max(-8191.0, min(8191.0, value))) & 0x3FFF)
-    bits <<= 14 * (4 - len(values))
-    return _frame(GROUP_BIT | group, ((0x80 | property_id) << 56 | bits).to_bytes(8, "big"))
+    first, second, third, fourth = (*values, 0.0, 0.0, 0.0)[:4]
+    return _frame(GROUP_BIT | group, torque_data(first, second, third, fourth, property_id))
+
+
+def torque_data(first: float, second: float, third: float, fourth: float, property_id: int = 42) -> bytes:
+    """The eight bytes of four finite torques, puck units: clipped to ±8191, then floored."""
+    bits = (0x80 | property_id) << 14 | floor(max(-8191.0, min(8191.0, first))) & 0x3FFF
+    bits = bits << 14 | floor(max(-8191.0, min(8191.0, second))) & 0x3FFF
+    bits = bits << 14 | floor(max(-8191.0, min(8191.0, third))) & 0x3FFF
+    return (bits << 14 | floor(max(-8191.0, min(8191.0, fourth))) & 0x3FFF).to_bytes(8, "big")
 
 
 # --- what pucks send
@@ -122,14 +137,21 @@ def property_reply(node: int, property_id: int, value: int, *, wide: bool) -> ca
 def parse_position(message: can.Message) -> Position:
     """Read a position reply of 3 or 6 bytes; anything else raises ProtocolError."""
     node = _reply_sender(message, _POSITION_TO, "position reply")
-    data = message.data
-    counts = (((data[0] & 0x3F) << 16 | data[1] << 8 | data[2]) ^ 0x200000) - 0x200000 if len(data) >= 3 else 0
-    if len(data) == 3:
-        return Position(node, counts, None)
-    if len(data) == 6:
-        joint_counts = (((data[3] & 0x3F) << 16 | data[4] << 8 | data[5]) ^ 0x200000) - 0x200000
-        return Position(node, counts, joint_counts)
-    raise _malformed(message, "position reply of 3 or 6 bytes")
+    counts = position_counts(message.data)
+    if counts is None:
+        raise _malformed(message, "position reply of 3 or 6 bytes")
+    return Position(node, *counts)
+
+
+def position_counts(data: bytes | bytearray) -> tuple[int, int | None] | None:
+    """Motor count and joint encoder's count (None without one) in a position reply; None if it is malformed."""
+    length = len(data)
+    if length == 3:
+        return ((int.from_bytes(data, "big") & 0x3FFFFF) ^ 0x200000) - 0x200000, None
+    if length != 6:
+        return None
+    both = int.from_bytes(data, "big")
+    return ((both >> 24 & 0x3FFFFF) ^ 0x200000) - 0x200000, ((both & 0x3FFFFF) ^ 0x200000) - 0x200000
 
 
 def parse_joint_encoder(message: can.Message) -> tuple[int, int]:
@@ -138,7 +160,7 @@ def parse_joint_encoder(message: can.Message) -> tuple[int, int]:
     data = message.data
     if len(data) != 3:
         raise _malformed(message, "joint encoder reply of 3 bytes")
-    return node, (((data[0] & 0x3F) << 16 | data[1] << 8 | data[2]) ^ 0x200000) - 0x200000
+    return node, ((int.from_bytes(data, "big") & 0x3FFFFF) ^ 0x200000) - 0x200000
 
 
 def parse_property(message: can.Message) -> PropertyReply:

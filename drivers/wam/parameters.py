@@ -45,6 +45,10 @@ class WamParameters:
     """Puck units per N·m of motor torque (IPNM), motors 1 to 7."""
     motor_torque_limit_units: NDArray[np.float64]
     """Largest magnitude that a puck applies (MT), puck units, motors 1 to 7."""
+    joint_encoder_counts: NDArray[np.float64]
+    """Counts a joint turn of the joint encoders; 0 where there cannot be one."""
+    use_joint_encoders: bool
+    """Whether joint encoders, where fitted and indexed, tell the angles of their joints."""
     rotor_inertia_kgm2: NDArray[np.float64]
     """Rotor inertia seen from the joint, to be added about the joint axis."""
     viscous_friction_Nms_per_rad: NDArray[np.float64]
@@ -56,6 +60,7 @@ _OPTIONAL = frozenset({"gravity_mu_kg_m"})
 _LARGEST_MU_KG_M = 20.0
 """Ten times what the whole arm weighs at the elbow."""
 _ANY_SIGN = frozenset({"home_rad", "zero_angle_rad", "joint_lower_rad", "joint_upper_rad"})
+_OR_ZERO = frozenset({"joint_encoder_counts"})
 _HIGHEST = {"safety_velocity_m_s": 7.0, "safety_motor_torque_Nm": 3.0}
 """Single numbers: above these the safety puck would never fault (WAM reference 3.2)."""
 
@@ -84,6 +89,10 @@ def load_wam_parameters(path: Path | None = None, *, own: Path | None = None) ->
             if not isinstance(value, str):
                 raise ConfigurationError(origin[key], key, value, "a string")
             values[key] = value
+        elif key == "use_joint_encoders":
+            if not isinstance(value, bool):
+                raise ConfigurationError(origin[key], key, value, "true or false")
+            values[key] = value
         elif key in _HIGHEST:
             values[key] = _number(origin[key], key, value)
         elif key in _OPTIONAL:
@@ -107,13 +116,16 @@ def _number(file: Path, key: str, value: object) -> float:
 
 def _seven(file: Path, key: str, value: object) -> NDArray[np.float64]:
     """Check one array: seven finite numbers, positive unless the key is an angle."""
-    accepted = "seven finite numbers" if key in _ANY_SIGN else "seven finite positive numbers"
+    lowest = -np.inf if key in _ANY_SIGN else 0.0 if key in _OR_ZERO else np.finfo(np.float64).tiny
+    accepted = "seven finite numbers"
+    if key not in _ANY_SIGN:
+        accepted += ", none negative" if key in _OR_ZERO else ", all positive"
     if not isinstance(value, list) or len(value) != JOINTS:
         raise ConfigurationError(file, key, value, accepted)
     if any(isinstance(item, bool) or not isinstance(item, int | float) for item in value):
         raise ConfigurationError(file, key, value, accepted)
     array = np.array(value, dtype=np.float64)
-    if not np.all(np.isfinite(array)) or (key not in _ANY_SIGN and np.any(array <= 0.0)):
+    if not np.all(np.isfinite(array)) or np.any(array < lowest):
         raise ConfigurationError(file, key, value, accepted)
     array.flags.writeable = False
     return array
