@@ -38,7 +38,12 @@ class HandFault(IntFlag):
     HARDWARE = 2
     TORQUE_LOST = 4
     BUS_LOST = 8
-    REFUSED = 16  # a set-point was out of travel or above the current limit
+    REFUSED = 16  # a set-point was out of travel or above what the motor may give
+    OVERHEATED = 32
+    OVERLOADED = 64
+    VOLTAGE = 128
+    RESTARTED = 256  # a motor was without supply for a moment: it lost its settings, and its torque
+    OTHER_MODE = 512  # a motor was found holding in a mode that winds no tendon, and is left so
 
 
 @dataclass(frozen=True)
@@ -48,21 +53,42 @@ class HandState:
     excursion_m: Pair
     rate_m_s: Pair
     tension_N: Pair
-    current_A: Pair
+    effort: Pair
+    """Current, A, or load, a fraction of full output, as the motors' model has it; positive = tightening."""
     mode: HandMode = HandMode.TRACK
     fault: HandFault = HandFault.NONE
+    tension_uncertainty_N: Pair = (0.0, 0.0)
+    temperature_C: Pair = (0.0, 0.0)
+    voltage_V: Pair = (0.0, 0.0)
+    derating: Pair = (1.0, 1.0)
+    """Part of the load cap that each motor's temperature allows."""
+    read_rate_hz: float = 0.0
+    """Samples of both motors a second, measured."""
 
-    _LAYOUT = struct.Struct("<8dII")
+    _LAYOUT = struct.Struct("<8dII9d")
 
     def pack(self) -> bytes:
         return self._LAYOUT.pack(
-            *self.excursion_m, *self.rate_m_s, *self.tension_N, *self.current_A, self.mode, self.fault
+            *self.excursion_m,
+            *self.rate_m_s,
+            *self.tension_N,
+            *self.effort,
+            self.mode,
+            self.fault,
+            *self.tension_uncertainty_N,
+            *self.temperature_C,
+            *self.voltage_V,
+            *self.derating,
+            self.read_rate_hz,
         )
 
     @classmethod
     def unpack(cls, payload: bytes) -> HandState:
-        e0, e1, r0, r1, t0, t1, c0, c1, mode, fault = _unpack(cls._LAYOUT, payload, cls.__name__)
-        return cls((e0, e1), (r0, r1), (t0, t1), (c0, c1), HandMode(mode), HandFault(fault))
+        e0, e1, r0, r1, t0, t1, f0, f1, mode, fault, u0, u1, c0, c1, v0, v1, d0, d1, rate = _unpack(
+            cls._LAYOUT, payload, cls.__name__
+        )
+        motors = (u0, u1), (c0, c1), (v0, v1), (d0, d1)
+        return cls((e0, e1), (r0, r1), (t0, t1), (f0, f1), HandMode(mode), HandFault(fault), *motors, rate)
 
 
 @dataclass(frozen=True)
@@ -177,6 +203,12 @@ class Reason(IntEnum):
     HAND_TORQUE_LOST = 52
     HAND_REFUSED = 54
     BUS_FAILED = 55
+    HAND_BUS_LOST = 60
+    HAND_OVERHEATED = 61
+    HAND_OVERLOADED = 62
+    HAND_VOLTAGE = 63
+    HAND_RESTARTED = 64
+    HAND_OTHER_MODE = 65
 
 
 EVENT_VALUES: Final = 8

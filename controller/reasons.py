@@ -102,6 +102,36 @@ EXPLANATIONS: Final[dict[Reason, Explanation]] = {
         "A set-point is beyond a tendon motor's travel or current limit.",
         "Check zero, travel and load cap of the tendon motors.",
     ),
+    Reason.HAND_BUS_LOST: Explanation(
+        "hand_bus_lost",
+        "The serial line of the tendon motors is gone. They hold what they hold.",
+        "Check the adapter's plug; secure the object, then restart the daemon: it takes the motors over as they are.",
+    ),
+    Reason.HAND_OVERHEATED: Explanation(
+        "hand_overheated",
+        "A tendon motor was too hot and let go: the object may have been dropped.",
+        "Secure the object and let the motor cool; then `stillgrasp calibrate motors --reboot ID`.",
+    ),
+    Reason.HAND_OVERLOADED: Explanation(
+        "hand_overloaded",
+        "A tendon motor was overloaded and let go: the object may have been dropped.",
+        "Secure the object, lower the load cap or the holding cap; then `stillgrasp calibrate motors --reboot ID`.",
+    ),
+    Reason.HAND_VOLTAGE: Explanation(
+        "hand_voltage",
+        "The supply voltage of a tendon motor is out of its range.",
+        "Check the hand's supply and its cable.",
+    ),
+    Reason.HAND_RESTARTED: Explanation(
+        "hand_restarted",
+        "A tendon motor lost its supply for a moment and let go: the object may have been dropped.",
+        "Check plug and supply; secure the object, then `hand.open`: it brings the motor up again.",
+    ),
+    Reason.HAND_OTHER_MODE: Explanation(
+        "hand_other_mode",
+        "A tendon motor was found holding in a mode that winds no tendon; it is left holding and takes no set-points.",
+        "`hand.open`, or secure the object; then switch the motors off and restart the daemon.",
+    ),
     Reason.BUS_FAILED: Explanation(
         "bus_failed",
         "The CAN bus takes no frames. The pucks apply their last torque until the safety puck's heartbeat.",

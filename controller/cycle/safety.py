@@ -17,6 +17,21 @@ from controller.messages import HandFault, Reason
 Array = NDArray[np.float64]
 
 
+_HAND_FAULTS = (
+    (HandFault.TORQUE_LOST | HandFault.OVERHEATED, Reason.HAND_OVERHEATED),
+    (HandFault.TORQUE_LOST | HandFault.OVERLOADED, Reason.HAND_OVERLOADED),
+    (HandFault.TORQUE_LOST | HandFault.RESTARTED, Reason.HAND_RESTARTED),
+    (HandFault.TORQUE_LOST, Reason.HAND_TORQUE_LOST),
+    (HandFault.VOLTAGE, Reason.HAND_VOLTAGE),
+    (HandFault.HARDWARE, Reason.HAND_HARDWARE),
+    (HandFault.BUS_LOST, Reason.HAND_BUS_LOST),
+    (HandFault.OTHER_MODE, Reason.HAND_OTHER_MODE),
+    (HandFault.REFUSED, Reason.HAND_REFUSED),
+    (HandFault.NONE, Reason.HAND_SILENT),
+)
+"""What the hand process says is wrong, the worst first; the last one fits everything."""
+
+
 @dataclass(frozen=True)
 class SafetyLimits:
     """Bands beyond which the cycle stops."""
@@ -72,11 +87,7 @@ class SafetyMonitor:
     def hand(self, age_s: float | None, fault: HandFault) -> Reason:
         """Age of the newest hand sample and what the hand process says is wrong."""
         if fault is not HandFault.NONE:
-            if fault & HandFault.TORQUE_LOST:
-                return Reason.HAND_TORQUE_LOST
-            if fault & HandFault.HARDWARE:
-                return Reason.HAND_HARDWARE
-            return Reason.HAND_REFUSED if fault & HandFault.REFUSED else Reason.HAND_SILENT
+            return next(reason for bits, reason in _HAND_FAULTS if fault & bits == bits)
         return Reason.HAND_SILENT if age_s is None or age_s > self._limits.hand_age_s else Reason.NONE
 
     def offset(self, target: PlanarMotion, offset: PlanarMotion) -> Reason:

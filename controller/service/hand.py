@@ -2,11 +2,12 @@
 
 It follows the cycle's set-points. Without a fresh one it freezes: both excursions stay where they are, under the
 holding cap. It adopts motors that already hold when it starts, and never opens the hand on its own, neither in a fault
-nor on exit.
+nor on exit. A motor that lost its torque stays without until the hand is told to open; then it is brought up again.
 """
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 
 from controller.cycle.pacer import Pacer
@@ -14,7 +15,10 @@ from controller.messages import HandFault, HandMode, HandSetPoint, HandState, Pa
 from controller.service.links import LatestReader, LatestSender
 from drivers.clock import Clock, nanoseconds
 from drivers.dynamixel.tendons import TendonPair, TendonSample, TendonSetPoint
-from drivers.errors import BusError, DeviceError, InputError
+from drivers.errors import BusError, DeviceError, InputError, NoReplyError, ProtocolError
+
+_HARDWARE_FAULTS = {0x01: HandFault.VOLTAGE, 0x04: HandFault.OVERHEATED, 0x20: HandFault.OVERLOADED}
+"""Bits of the motors' hardware error (dynamixel reference 6.2) that have a name of their own."""
 
 
 @dataclass(frozen=True)
@@ -59,9 +63,9 @@ class HandPart:
         """One transaction: the newest set-point out, a sample in, the state published."""
         fault = HandFault.NONE
         try:
-            set_point = self._aim(self.pacer.begin())
-            self._last = self._tendons.exchange(set_point)
-            fault = self._judge(self._last)
+            fault = self._ask(self._aim(self.pacer.begin()))
+            self._last = self._tendons.exchange()
+            fault |= self._judge(self._last)
             if any(self._last.watchdog_tripped):
                 # The motors stopped and hold, and take no goals until told so (dynamixel reference 6.3).
                 self._tendons.rearm()
@@ -91,28 +95,69 @@ class HandPart:
         if self._mode is HandMode.FREEZE:
             if before is not HandMode.FREEZE:
                 # A motor that stalled at its cap short of its goal would go on pulling: the goal comes to where it is.
-                self._tendons.freeze(wanted.load_cap_N)
+                try:
+                    self._tendons.freeze(wanted.load_cap_N)
+                except InputError:  # a cap that no motor takes: held all the same, under the ceilings as they are
+                    self._tendons.freeze()
             return None
         if self._mode is HandMode.TRACK:
             self._goal_m = wanted.excursion_m
         elif before is not HandMode.OPEN and self._last is not None:
+            self._restore(self._last)
             self._goal_m = self._last.excursion_m
         else:
             step_m = self._settings.opening_rate_m_s * self._settings.period_s
             self._goal_m = (_towards_zero(self._goal_m[0], step_m), _towards_zero(self._goal_m[1], step_m))
         return TendonSetPoint(self._goal_m, wanted.load_cap_N)
 
-    def _judge(self, sample: TendonSample) -> HandFault:
-        if sample.missed >= self._settings.missed_for_fault:
-            return HandFault.NO_REPLY
-        if any(sample.hardware_error) or not all(sample.torque_on):
-            # A tripped motor lets go of its tendon (dynamixel reference 6.2): the object may have been dropped.
-            return HandFault.HARDWARE | HandFault.TORQUE_LOST
+    def _ask(self, set_point: TendonSetPoint | None) -> HandFault:
+        """Hand the set-point over; one that the motors refuse does not keep them from being read."""
+        if set_point is not None:
+            try:
+                self._tendons.set_excursion(*set_point.excursion_m, set_point.load_cap_N)
+            except InputError:
+                return HandFault.REFUSED
         return HandFault.NONE
 
+    def _restore(self, sample: TendonSample) -> None:
+        """The hand is to open, so that nothing is held any more: a motor without torque may be switched on again."""
+        if all(sample.torque_on) or any(sample.hardware_error):
+            return
+        with contextlib.suppress(NoReplyError, ProtocolError):  # it still shows, and the next opening tries again
+            self._tendons.restore()
+
+    def _judge(self, sample: TendonSample) -> HandFault:
+        fault = HandFault.NONE
+        if max(sample.missed) >= self._settings.missed_for_fault:
+            fault |= HandFault.NO_REPLY
+        if bits := sample.hardware_error[0] | sample.hardware_error[1]:
+            fault |= HandFault.HARDWARE
+            for bit, named in _HARDWARE_FAULTS.items():
+                fault |= named if bits & bit else HandFault.NONE
+        if not all(sample.torque_on):
+            # A motor without torque lets go of its tendon (dynamixel reference 6.2): the object may have been dropped.
+            fault |= HandFault.TORQUE_LOST
+        if any(sample.restarted):
+            fault |= HandFault.RESTARTED
+        if any(identity.refusal for identity in self._tendons.identities):
+            fault |= HandFault.OTHER_MODE
+        return fault
+
     def _publish(self, sample: TendonSample, fault: HandFault) -> None:
-        state = HandState(sample.excursion_m, sample.rate_m_s, sample.tension_N, sample.current_A, self._mode, fault)
-        self._states.send(state.pack(), sample.sample_ns)
+        state = HandState(
+            sample.excursion_m,
+            sample.rate_m_s,
+            sample.tension_N,
+            sample.effort,
+            self._mode,
+            fault,
+            sample.tension_uncertainty_N,
+            sample.temperature_C,
+            sample.voltage_V,
+            sample.derating,
+            sample.read_rate_hz,
+        )
+        self._states.send(state.pack(), sample.oldest_ns)
 
 
 def _towards_zero(value: float, step: float) -> float:

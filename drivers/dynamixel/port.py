@@ -1,7 +1,7 @@
 """The port under dynamixel-sdk: its packet handler's view of a line, but it waits in the clock instead of spinning.
 
 The SDK's own PortHandler polls in a busy loop, by wall time, and gives a silent motor 34 ms (dynamixel reference 5.4).
-`WaitingPort` has the methods that the SDK's `Protocol2PacketHandler` calls, keeps their names, and closes these traps:
+`WaitingPort` has the methods that the SDK's packet handlers call, keeps their names, and closes these traps:
 
 * `readPort` blocks in `clock.wait_readable` until bytes or the packet's deadline; no processor time, no wall time;
 * the deadline is the wire time of what was sent and is expected, plus a small margin;
@@ -47,6 +47,17 @@ class WaitingPort:
         """The last transaction failed: keep silent for one margin and flush before the next."""
         self._silent_until_ns = self._clock.now_ns() + self._margin_ns
         self.is_using = False
+
+    def surplus(self) -> bytes:
+        """After an answer: what else comes within one margin. Two motors with one id may answer one after the other."""
+        self._clock.sleep_until_ns(self._clock.now_ns() + self._margin_ns)
+        data, self._received = self._received, b""
+        while self._clock.wait_readable(self._line, self._clock.now_ns()):
+            more = self._line.read(MAXIMUM_READ_BYTES)
+            data += more
+            if not more or len(data) > MAXIMUM_READ_BYTES:
+                break
+        return data
 
     def close(self) -> None:
         """Close the line."""

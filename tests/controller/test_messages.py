@@ -29,20 +29,21 @@ from drivers.errors import ProtocolError
 numbers = st.floats(allow_nan=False)
 pairs = st.tuples(numbers, numbers)
 integers = st.integers(-(2**63), 2**63 - 1)
-faults = st.integers(0, 31).map(HandFault)
+faults = st.integers(0, 1023).map(HandFault)
 
 
-@given(pairs, pairs, pairs, pairs, st.sampled_from(HandMode), faults)
+@given(pairs, pairs, pairs, pairs, st.sampled_from(HandMode), faults, st.tuples(pairs, pairs, pairs, pairs, numbers))
 def test_hand_state_arrives_as_sent(
     excursion: tuple[float, float],
     rate: tuple[float, float],
     tension: tuple[float, float],
-    current: tuple[float, float],
+    effort: tuple[float, float],
     mode: HandMode,
     fault: HandFault,
+    motors: tuple[tuple[float, float], tuple[float, float], tuple[float, float], tuple[float, float], float],
 ) -> None:
     """No number changes its place on the way: right is right, and the fault bits combine."""
-    state = HandState(excursion, rate, tension, current, mode, fault)
+    state = HandState(excursion, rate, tension, effort, mode, fault, *motors)
     assert HandState.unpack(state.pack()) == state
 
 

@@ -90,7 +90,7 @@ def test_excursion_follows_on_both_mountings(rig: Rig) -> None:
     for step in range(100):  # 20 mm/s
         sample = rig.run(0.005, TendonSetPoint((0.0001 * step, 0.0001 * step), (60.0, 60.0)))
     assert sample.rate_m_s == pytest.approx((0.02, 0.02), abs=0.004)
-    assert min(sample.current_A) > 0.13
+    assert min(sample.effort) > 0.13
     sample = rig.run(0.3, TendonSetPoint((0.0099, 0.0099), (60.0, 60.0)))
     truth_m = [RADIUS_M * rig.springs.shaft_angle_rad(m) for m in (0, 1)]
     assert sample.excursion_m == pytest.approx(truth_m, abs=2e-5)  # one tick is 16 µm
@@ -107,7 +107,7 @@ def test_stall_at_the_load_cap_gives_the_cap_s_tension(rig: Rig) -> None:
         sample = rig.run(0.010, TendonSetPoint((2e-5 * step, 2e-5 * step), (20.0, 12.0)))
     sample = rig.run(0.5, TendonSetPoint((0.012, 0.012), (20.0, 12.0)))
     assert [rig.springs.tension_N(m) for m in (0, 1)] == pytest.approx([20.0, 12.0], abs=1.5)
-    assert sample.current_A == pytest.approx((20 * 0.0105 / 1.79 + 0.13, 12 * 0.0105 / 1.79 + 0.13), abs=0.003)
+    assert sample.effort == pytest.approx((20 * 0.0105 / 1.79 + 0.13, 12 * 0.0105 / 1.79 + 0.13), abs=0.003)
 
 
 @pytest.mark.parametrize(
@@ -183,10 +183,9 @@ def test_tripped_watchdog_is_seen_and_rearmed(rig: Rig) -> None:
 @pytest.mark.parametrize(
     ("spoil", "reason"),
     [
-        (lambda m: m.write(7, b"\x05"), "tendon motor 1: no reply to ping"),
-        (lambda m: m._values.update(model_number=1060), r"XL430-W250 \(1060\); expected XM430-W350"),
+        (lambda m: m.write(7, b"\x05"), "tendon motor 1: no reply at 1000000 bit/s, protocol 2.0; the other"),
+        (lambda m: m._values.update(model_number=1060), "are a XM430-W350 and a XL430-W250; expected two of one model"),
         (lambda m: m.trip(0x20), "hardware error: overload"),
-        (lambda m: m._values.update(operating_mode=3, torque_enable=1), "already holds, in operating mode 3"),
         (lambda m: m._values.update(homing_offset=7), "Homing Offset 7"),
         (lambda m: m._values.update(firmware=37), "firmware 37"),
     ],
@@ -214,11 +213,12 @@ def test_missed_exchange_repeats_the_last_values(rig: Rig) -> None:
     good = rig.run(0.1, None)
     rig.motors.drop_answers(2)
     missed = [rig.pair.exchange() for _ in range(3)]
-    assert [sample.missed for sample in missed] == [1, 2, 0]
-    assert missed[1].sample_ns == good.sample_ns
-    assert missed[1].excursion_m == good.excursion_m
+    assert [sample.missed for sample in missed] == [(1, 1), (2, 0), (0, 0)]
+    assert missed[0].sample_ns == good.sample_ns
+    assert missed[0].excursion_m == good.excursion_m
+    assert missed[1].sample_ns[0] == good.sample_ns[0] < missed[1].sample_ns[1]
     assert isinstance(rig.pair.last_miss, NoReplyError)
-    assert missed[2].sample_ns > good.sample_ns
+    assert missed[2].oldest_ns > good.oldest_ns
 
 
 def test_hardware_error_shows_in_the_same_exchange(rig: Rig) -> None:
@@ -236,9 +236,9 @@ def test_restarted_motor_shows(rig: Rig) -> None:
     rig.pair.start()
     rig.run(0.05, None)
     rig.motors.motors[0].reboot(rig.clock.now_ns())
-    assert rig.run(0.2, None).missed > 3
-    sample = rig.run(0.3, None)
-    assert (sample.missed, sample.torque_on) == (0, (False, True))
+    assert rig.run(0.2, None).missed[0] > 3
+    sample = rig.run(0.5, None)
+    assert (sample.missed, sample.torque_on) == ((0, 0), (False, True))
 
 
 def test_freeze_keeps_tension_and_stops_winding(rig: Rig) -> None:
@@ -257,7 +257,7 @@ def test_freeze_keeps_tension_and_stops_winding(rig: Rig) -> None:
     assert max(b - a for a, b in zip(before_m, after_m, strict=True)) < 0.001
 
 
-def test_stop_holds_and_relax_opens(rig: Rig) -> None:
+def test_stop_holds_and_open_opens(rig: Rig) -> None:
     """Exit never opens the hand, however long ago it was; opening is only ever asked for."""
     rig.pair.start()
     rig.run(1.0, TendonSetPoint((0.008, 0.008), (50.0, 50.0)))
@@ -269,7 +269,7 @@ def test_stop_holds_and_relax_opens(rig: Rig) -> None:
     assert [m.value("torque_enable") for m in rig.motors.motors] == [1, 1]
     rig.pair = rig.new_pair()
     rig.pair.start()
-    rig.pair.relax()
+    rig.pair.open()
     assert rig.run(1.0, None).excursion_m == pytest.approx((0.0, 0.0), abs=2e-4)
     rig.pair.stop(release=True)
     assert [m.value("torque_enable") for m in rig.motors.motors] == [0, 0]
@@ -300,7 +300,7 @@ def test_same_run_twice_gives_the_same_bytes() -> None:
     "change",
     [
         {"tightening_sign": 0},
-        {"motor_id": 253},
+        {"motor_id": 254},
         {"travel_m": (0.02, 0.01)},
         {"spool_radius_m": 0.02},
         {"watchdog_s": 9.0},
