@@ -161,10 +161,7 @@ class ArmModel:
     def gravity(self, q: npt.ArrayLike) -> FloatArray:
         """Torques (7, N·m) that hold the arm still against gravity."""
         q = checked_joints(q, "joint angles")
-        torque = np.array(pinocchio.computeGeneralizedGravity(self._model, self._data, q))
-        if self._gravity_difference is not None:
-            torque += self._gravity_difference.torque(q)
-        return torque
+        return self._with_difference(pinocchio.computeGeneralizedGravity(self._model, self._data, q), q)
 
     @property
     def gravity_mu_kg_m(self) -> FloatArray:
@@ -179,10 +176,13 @@ class ArmModel:
         q = checked_joints(q, "joint angles")
         v = checked_joints(v, "joint velocities")
         a = checked_joints(a, "joint accelerations")
-        torque = np.array(pinocchio.rnea(self._model, self._data, q, v, a))
-        if self._gravity_difference is not None:
-            torque += self._gravity_difference.torque(q)
-        return torque
+        return self._with_difference(pinocchio.rnea(self._model, self._data, q, v, a), q)
+
+    def _with_difference(self, torque: FloatArray, q: FloatArray) -> FloatArray:
+        """A torque of the masses, as an array of the caller's own, with their gravity replaced by what was identified."""
+        if self._gravity_difference is None:
+            return np.array(torque)
+        return torque + self._gravity_difference.torque(q)
 
     def mass_matrix(self, q: npt.ArrayLike) -> FloatArray:
         """Joint-space mass matrix (7×7, kg·m²), rotors included."""
