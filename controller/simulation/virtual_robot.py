@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from controller.client import Client
 from controller.config import RobotConfig
@@ -24,8 +25,10 @@ from controller.simulation.world import World
 from drivers.clock import VirtualClock, nanoseconds
 from drivers.dynamixel.port import WaitingPort
 from drivers.dynamixel.tendons import TendonPair
-from drivers.errors import NoReplyError
+from drivers.errors import InputError, NoReplyError
+from drivers.simulated.can_faults import CanFaults
 from drivers.simulated.can_hub import MemoryCanBus, MemoryCanHub
+from drivers.simulated.faults import Fault, FaultScript
 from drivers.simulated.serial_lines import MemoryLine
 from drivers.wam.safety_puck import Guard
 
@@ -37,7 +40,8 @@ RECORDS_WAITING = 16
 class VirtualRobot:
     """Cycle, hand, front, devices and world of one installation and scene.
 
-    `observe` is called with the world every `observe_period_s`, for a reporter.
+    `observe` is called with the world every `observe_period_s`, for a reporter. `faults`: a script of what goes wrong with
+    the arm and its bus, perhaps an empty one to which `add_fault` adds.
     """
 
     def __init__(
@@ -48,6 +52,7 @@ class VirtualRobot:
         recorder: RecordSink | None = None,
         observe: Callable[[World], None] | None = None,
         observe_period_s: float = 0.002,
+        faults: FaultScript[Any] | None = None,
     ) -> None:
         hand = configured_hand(config)
         self.devices: Devices = build_devices(config, hand, scene)
@@ -56,7 +61,8 @@ class VirtualRobot:
         self._observe_period_ns = nanoseconds(observe_period_s)
         clocks = {name: VirtualClock() for name in ("world", "hub", "cycle", "hand", "front", "guard", "client")}
         self._clocks = clocks
-        self._hub = MemoryCanHub([self.devices.wam])
+        self._faults = None if faults is None else CanFaults(faults, self.devices.wam)
+        self._hub = MemoryCanHub([self.devices.wam], self._faults)
 
         set_points = VirtualLink(clocks["cycle"], clocks["hand"])
         states = VirtualLink(clocks["hand"], clocks["cycle"])
@@ -110,6 +116,12 @@ class VirtualRobot:
     def press(self, button: str) -> None:
         """Press a button of the arm's pendant: idle, activate, estop, release."""
         self._hub.transmit(self.devices.wam.press(button, self.time.now_ns), self.devices.wam)
+
+    def add_fault(self, fault: Fault[Any]) -> None:
+        """Let something go wrong with the arm or its bus, timed from now. InputError if it does not fit."""
+        if self._faults is None:
+            raise InputError("this robot was made without a fault script; expected one, which may be empty.")
+        self._faults.add(fault, self.time.now_ns)
 
     def run_for(self, duration_s: float) -> None:
         """Let virtual time pass."""
