@@ -40,8 +40,8 @@ RECORDS_WAITING = 16
 class VirtualRobot:
     """Cycle, hand, front, devices and world of one installation and scene.
 
-    `observe` is called with the world every `observe_period_s`, for a reporter. `faults`: a script of what goes wrong with
-    the arm and its bus, perhaps an empty one to which `add_fault` adds.
+    `observe` is called with the world every `observe_period_s`, for a reporter. `faults`: a script of what goes wrong
+    with the arm and its bus, perhaps an empty one to which `add_fault` adds.
     """
 
     def __init__(
