@@ -179,7 +179,7 @@ class ArmModel:
         return self._with_difference(pinocchio.rnea(self._model, self._data, q, v, a), q)
 
     def _with_difference(self, torque: FloatArray, q: FloatArray) -> FloatArray:
-        """A torque of the masses, as an array of the caller's own, with their gravity replaced by what was identified."""
+        """A torque of the masses, as the caller's own array, with their gravity replaced by what was identified."""
         if self._gravity_difference is None:
             return np.array(torque)
         return torque + self._gravity_difference.torque(q)

@@ -63,6 +63,25 @@ def arm_model(config: RobotConfig, hand: Hand) -> ArmModel:
     )
 
 
+def joint_limits(config: RobotConfig, parameters: WamParameters) -> JointLimits:
+    """Limits of the commanded motion: the installation's, else the arm's own."""
+    limits = config.arm.limits
+    return JointLimits(
+        np.array(limits.lower_rad or parameters.joint_lower_rad),
+        np.array(limits.upper_rad or parameters.joint_upper_rad),
+        np.array(limits.velocity_rad_s),
+        np.array(limits.acceleration_rad_s2),
+    )
+
+
+def torque_limits(config: RobotConfig, parameters: WamParameters) -> TorqueLimits:
+    """Limits of the joint torques: the arm's own, or lower ones of the installation."""
+    limits = config.arm.limits
+    return TorqueLimits.from_parameters(
+        parameters, torque_Nm=limits.torque_Nm, rate_Nm_per_s=limits.torque_rate_Nm_per_s
+    )
+
+
 def cycle_parts(config: RobotConfig, bus: CanBus, clock: Clock) -> Parts:
     """Everything that runs in the cycle."""
     parameters = arm_parameters(config)
@@ -70,21 +89,13 @@ def cycle_parts(config: RobotConfig, bus: CanBus, clock: Clock) -> Parts:
     model = arm_model(config, hand)
     period_s = config.cycle.period_s
     arm_limits, compensation, squeeze = config.arm.limits, config.compensation, config.squeeze
-    limits = JointLimits(
-        np.array(arm_limits.lower_rad or parameters.joint_lower_rad),
-        np.array(arm_limits.upper_rad or parameters.joint_upper_rad),
-        np.array(arm_limits.velocity_rad_s),
-        np.array(arm_limits.acceleration_rad_s2),
-    )
+    limits = joint_limits(config, parameters)
     chosen = config.arm.gains
     gains = preset_gains(
         chosen.preset,
         kp_Nm_per_rad=chosen.kp_Nm_per_rad,
         ki_Nm_per_rad_s=chosen.ki_Nm_per_rad_s,
         kd_Nms_per_rad=chosen.kd_Nms_per_rad,
-    )
-    torque_limits = TorqueLimits.from_parameters(
-        parameters, torque_Nm=arm_limits.torque_Nm, rate_Nm_per_s=arm_limits.torque_rate_Nm_per_s
     )
     kinematics = DifferentialInverseKinematics(model, limits, period_s, parameters.home_rad)
     path_limits = ArmMotionLimits(
@@ -116,7 +127,7 @@ def cycle_parts(config: RobotConfig, bus: CanBus, clock: Clock) -> Parts:
         arm=Arm(bus, clock, parameters),
         model=model,
         motion=motion,
-        control=JointControl(model, gains, torque_limits, SoftLimits(limits, period_s)),
+        control=JointControl(model, gains, torque_limits(config, parameters), SoftLimits(limits, period_s)),
         grasping=grasping,
         orders=orders,
         smoother=OffsetSmoother(period_s, offset_limits),
