@@ -1,101 +1,109 @@
 """The arm on its bus: started once, and then the bus side of one control cycle.
 
 Joint angles in rad and joint torques in N·m, DH convention; times from the project's clock. The arm's mode is the
-operator's: nothing here raises it. Source: WAM reference 4.6 (time-outs), 5.1 (cycle).
+operator's: nothing here raises it. What a reading is says `positions.py`, what else is heard `watch.py`, what is wrong
+`faults.py`. Source: WAM reference 4.6 (time-outs), 5.1 (cycle).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import isfinite
+from dataclasses import dataclass, replace
 
-import can
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import Clock
-from drivers.errors import InputError, ProtocolError
-from drivers.wam.bus import CanBus
+from drivers.errors import BusError
+from drivers.wam.bus import CanBus, Reopenable, frames_of
+from drivers.wam.dialogue import Dialogue
+from drivers.wam.faults import ARM_FAULTS, FaultJudge, NamedFault, Recovery, bus_fault
 from drivers.wam.frames import (
     GROUP_ARM,
+    GROUP_BIT,
     GROUP_LOWER_TORQUE,
     GROUP_UPPER_TORQUE,
-    SAFETY_NODE,
-    UNASKED_SAFETY_ID,
-    get_property,
-    is_position,
-    is_property,
-    parse_position,
-    parse_property,
-    parse_request,
-    position_request,
-    torque_frame,
+    POSITION_MOTORS,
 )
+from drivers.wam.joint_encoders import read_joint_encoders
 from drivers.wam.parameters import JOINTS, WamParameters
-from drivers.wam.properties import MOTOR_IDLE, MOTOR_TORQUE, property_id
-from drivers.wam.safety_puck import ArmMode, PendantState, SafetyPuck, arm_mode
+from drivers.wam.positions import ArmSample, PositionReader
+from drivers.wam.safety_puck import ArmMode, PendantState, SafetyPuck
 from drivers.wam.startup import ArmIdentity, Operator, StartUp
-from drivers.wam.transmission import joint_to_motor_torque, motor_to_joint
+from drivers.wam.torques import TorquePacking
+from drivers.wam.watch import ArmWatch
 
-_SAMPLING_DELAY_NS = 75_000
-"""From the position request to the moment the encoders are sampled (WAM reference 4.7)."""
+__all__ = ["Arm", "ArmSample", "ReadingOptions"]
+
 _USUAL_READING_NS = 640_000
 """From the request to the last of seven replies, with usual stuff bits. To sleep so long and then read all of them
 costs half the processor time of waking for each."""
-_UNANSWERED_POLLS = 10
+_LONGEST_READING_NS = 720_000
+"""The same with the most stuff bits, and an adapter's delay."""
+_DEADLINE_GRACE_NS = 50_000
+_MOST_FRAMES = 200
+"""That are taken in one go: four times what a full bus carries in a cycle."""
+_LOWER_TORQUE = GROUP_BIT | GROUP_LOWER_TORQUE
+_UPPER_TORQUE = GROUP_BIT | GROUP_UPPER_TORQUE
 
 
-@dataclass(frozen=True, eq=False)
-class ArmSample:
-    """One reading of the arm."""
+@dataclass(frozen=True)
+class ReadingOptions:
+    """What is done about replies that do not come."""
 
-    joint_rad: NDArray[np.float64]
-    """Joint angles (7); with the last good position of a motor that is missing or was rejected."""
-    sample_ns: int
-    """When the encoders were sampled."""
-    complete: bool
-    """All seven positions are of this cycle and plausible."""
-    replies: int
-    """Good positions of this cycle, 0 to 7."""
-    stale: int
-    """Positions dropped because they were older than the request or came twice."""
-    rejected: int
-    """Positions dropped because the motor cannot have turned so far."""
+    extrapolated_cycles: int = 5
+    """So many cycles in a row the last whole reading is carried on; later, or with 0, it is given as it is."""
+    repeat: bool = True
+    """Ask once more within the cycle: at 0.72 ms, if seven more replies fit in before the deadline."""
 
 
 class Arm:
     """Seven motor pucks and a safety puck on one bus. First `start`, then in each cycle `request_positions`,
     `collect_positions`, `write_torques`.
 
-    Anything that the bus refuses to send raises BusError from the call that sent it.
+    Anything that the bus refuses to send raises BusError from the call that sent it; nothing is sent later in its
+    place, and `fault` names it.
     """
 
-    def __init__(self, bus: CanBus, clock: Clock, parameters: WamParameters) -> None:
-        self._bus = bus
+    def __init__(
+        self, bus: CanBus, clock: Clock, parameters: WamParameters, options: ReadingOptions | None = None
+    ) -> None:
+        self._bus, self._frames = bus, frames_of(bus)
         self._clock = clock
         self._parameters = parameters
+        self._options = options if options is not None else ReadingOptions()
         self._safety = SafetyPuck(bus, clock)
-        self._safety_mode_id = property_id("MODE", self._safety.firmware, "safety")
-        self._position_id = 48
-        self._torque_id = 42
-        self._position_groups: tuple[int, ...] = (GROUP_ARM,)
-        self._counts = [0] * JOINTS
-        self._missed_cycles = [0] * JOINTS
-        self._quarter_turn = [1024] * JOINTS
-        self._radian_per_count = np.full(JOINTS, 2.0 * np.pi / 4096.0)
-        self._units_per_Nm = parameters.units_per_Nm
-        self._torque_limit_units = parameters.motor_torque_limit_units
+        self.watch = ArmWatch()
+        """What is heard beside positions."""
+        self._judge = FaultJudge(self.watch)
+        self._reader = PositionReader(self._options.extrapolated_cycles)
+        self._requests = [(GROUP_BIT | GROUP_ARM, bytes((48,)))]
+        self._torques = TorquePacking(parameters.units_per_Nm, parameters.motor_torque_limit_units, 42)
         self._request_ns = 0
-        self._stale = 0
-        self._unanswered = 0
-        self.mode = ArmMode.OFFLINE
+        self._bus_fault: NamedFault | None = None
+        self.refused_frames = 0
+        """Frames that the bus did not take."""
+        self.repeated_requests = 0
+
+    @property
+    def mode(self) -> ArmMode:
         """Last known mode of the arm; OFFLINE before `start` and when the safety puck no longer answers."""
-        self.zeroed: bool | None = None
+        return self.watch.mode
+
+    @property
+    def zeroed(self) -> bool | None:
         """Last seen ZERO of the safety puck; False means that positions are meaningless."""
-        self.pendant: PendantState | None = None
+        return self.watch.zeroed
+
+    @property
+    def pendant(self) -> PendantState | None:
         """Last seen pendant state."""
-        self.malformed_frames = 0
+        return self.watch.pendant
+
+    @property
+    def clipped_torques(self) -> int:
+        """Cycles in which a motor's limit bound the torque."""
+        return self._torques.clipped
 
     def start(self, operator: Operator | None = None) -> ArmIdentity:
         """Find, wake, check and, if positions were lost, zero the arm at `home_rad`, where the operator has put it.
@@ -106,129 +114,145 @@ class Arm:
         """
         found = StartUp(self._bus, self._clock, self._parameters, self._safety, operator).run()
         motors = found.motors
-        self.mode = ArmMode.IDLE
-        self.zeroed = True
-        self._safety_mode_id = property_id("MODE", found.safety_firmware, "safety")
-        self._position_id, self._torque_id = motors.position_id, motors.torque_id
-        self._position_groups = motors.position_groups
-        self._quarter_turn = [counts // 4 for counts in motors.counts_per_turn]
-        self._radian_per_count = 2.0 * np.pi / np.array(motors.counts_per_turn, dtype=np.float64)
-        self._units_per_Nm = np.array(motors.units_per_Nm, dtype=np.float64)
-        self._torque_limit_units = np.minimum(motors.torque_limit_units, self._parameters.motor_torque_limit_units)
-        self._counts = list(found.first_counts)
-        self._missed_cycles = [0] * JOINTS
-        return found
+        encoders = read_joint_encoders(Dialogue(self._bus, self._clock), motors, self._parameters)
+        self._requests = [(GROUP_BIT | group, bytes((motors.position_id,))) for group in motors.position_groups]
+        limit_units = np.minimum(motors.torque_limit_units, self._parameters.motor_torque_limit_units)
+        self._torques = TorquePacking(motors.units_per_Nm, limit_units, motors.torque_id)
+        self._reader.know(found.first_counts, motors.counts_per_turn, self._clock.now_ns(), encoders)
+        self.watch.forget(found.safety_firmware, motors.firmware[0])
+        self.forget_faults()
+        return replace(found, notes=(*found.notes, *encoders.notes))
+
+    def restart(self, recovery: Recovery, operator: Operator | None = None) -> ArmIdentity:
+        """Start again after a fault, over a bus that is opened again if that is what was lost.
+
+        Raises as `start`, and BusError if the bus cannot be opened.
+        """
+        if recovery is Recovery.REOPEN and isinstance(self._bus, Reopenable):
+            self._bus.reopen()
+        return self.start(operator)
 
     # --- one cycle
 
     def request_positions(self) -> None:
         """Ask all pucks for their positions; what still waits on the bus is read first, and its positions dropped."""
-        self._stale = 0
+        stale = 0
         now_ns = self._clock.now_ns()
-        while (message := self._bus.receive(now_ns)) is not None:
-            if is_position(message):
-                self._stale += 1
-            else:
-                self._notice(message)
+        receive, notice = self._frames.receive_frame, self.watch.notice
+        try:
+            for _ in range(_MOST_FRAMES):
+                frame = receive(now_ns)
+                if frame is None:
+                    break
+                if frame[0] in POSITION_MOTORS:
+                    stale += 1
+                else:
+                    notice(*frame)
+        except BusError as error:
+            self._bus_fault = bus_fault(error)
+            raise
         self._request_ns = self._clock.now_ns()
-        for group in self._position_groups:
-            self._bus.send(position_request(group, self._position_id))
+        self._reader.begin(self._request_ns, stale=stale)
+        self._ask()
 
     def collect_positions(self, deadline_ns: int) -> ArmSample:
         """Collect the replies to the last request until all seven are there or `deadline_ns` has come.
 
-        A late reply to an earlier request that comes after this one is recognised by its puck answering twice: the
-        later answer counts.
+        Positions that are missing after the usual time are asked for once more, if there is time for seven replies.
         """
-        fresh = [False] * JOINTS
-        replies = rejected = 0
-        self._clock.sleep_until_ns(min(deadline_ns, self._request_ns + _USUAL_READING_NS))
-        while replies < JOINTS and (message := self._bus.receive(deadline_ns)) is not None:
-            if not is_position(message):
-                self._notice(message)
-                continue
-            try:
-                position = parse_position(message)
-            except ProtocolError:
-                self.malformed_frames += 1
-                continue
-            motor = position.node - 1
-            if motor >= JOINTS:
-                continue
-            # A motor that was missing may have turned for longer; more than half a turn is implausible in any case.
-            allowed = self._quarter_turn[motor] * min(2, 1 + self._missed_cycles[motor])
-            if abs(position.motor_counts - self._counts[motor]) > allowed:
-                rejected += 1
-                continue
-            if fresh[motor]:
-                self._stale += 1
+        reader, asked_ns = self._reader, self._request_ns
+        self._clock.sleep_until_ns(min(deadline_ns, asked_ns + _USUAL_READING_NS))
+        try:
+            again_ns = asked_ns + _LONGEST_READING_NS
+            if not self._options.repeat or again_ns + _LONGEST_READING_NS > deadline_ns + _DEADLINE_GRACE_NS:
+                again_ns = deadline_ns
+            self._read(min(again_ns, deadline_ns))
+            if reader.replies < JOINTS and again_ns < deadline_ns:
+                reader.begin_again(self._clock.now_ns())
+                self.repeated_requests += 1
+                self._ask()
+                self._read(deadline_ns)
+        except BusError as error:
+            self._bus_fault = bus_fault(error)
+            raise
+        return reader.finish()
+
+    def _read(self, deadline_ns: int) -> None:
+        """Take frames until the reading is whole, and if its replies were disorderly until all have had their time."""
+        reader, receive, notice = self._reader, self._frames.receive_frame, self.watch.notice
+        take, motors = reader.take, POSITION_MOTORS
+        for _ in range(_MOST_FRAMES):
+            if reader.replies == JOINTS:
+                if reader.orderly:
+                    return
+                deadline_ns = min(deadline_ns, self._request_ns + _LONGEST_READING_NS)
+            frame = receive(deadline_ns)
+            if frame is None:
+                return
+            motor = motors.get(frame[0])
+            if motor is None:
+                notice(*frame)
             else:
-                replies += 1
-            fresh[motor] = True
-            self._counts[motor] = position.motor_counts
-            self._missed_cycles[motor] = 0
-        if replies < JOINTS:
-            self._missed_cycles = [
-                missed if seen else missed + 1 for seen, missed in zip(fresh, self._missed_cycles, strict=True)
-            ]
-        joint_rad = motor_to_joint(np.array(self._counts, dtype=np.float64) * self._radian_per_count)
-        sample_ns = self._request_ns + _SAMPLING_DELAY_NS
-        return ArmSample(joint_rad, sample_ns, replies == JOINTS, replies, self._stale, rejected)
+                take(motor, frame[1])
+
+    def _ask(self) -> None:
+        for identifier, data in self._requests:
+            self._send(identifier, data)
 
     def write_torques(self, joint_torque_Nm: Sequence[float] | NDArray[np.float64]) -> None:
         """Send joint torques (7), N·m: as motor torques, each within its motor's limit, in two frames.
 
         InputError, and nothing sent, if they are not seven finite numbers.
         """
-        torque_Nm = np.asarray(joint_torque_Nm, dtype=np.float64)
-        if torque_Nm.shape != (JOINTS,) or not isfinite(torque_Nm.sum()):
-            raise InputError(f"joint torques {torque_Nm.tolist()} are not acceptable; expected seven finite numbers.")
-        limit = self._torque_limit_units
-        units = joint_to_motor_torque(torque_Nm) * self._units_per_Nm
-        values = np.minimum(np.maximum(units, -limit), limit).tolist()
         # Both frames are ready before the first goes out.
-        lower = torque_frame(GROUP_LOWER_TORQUE, values[:4], self._torque_id)
-        upper = torque_frame(GROUP_UPPER_TORQUE, values[4:], self._torque_id)
-        self._bus.send(lower)
-        self._bus.send(upper)
+        lower, upper = self._torques.frames(joint_torque_Nm)
+        self._send(_LOWER_TORQUE, lower)
+        self._send(_UPPER_TORQUE, upper)
 
     def request_idle(self) -> None:
         """Ask for idle and return at once; `mode` tells when it is so. InputError before safety firmware 197."""
-        self._safety.request_idle()
+        try:
+            self._safety.request_idle()
+        except BusError as error:
+            self._bus_fault = bus_fault(error)
+            raise
 
     def poll_safety_mode(self) -> None:
         """Ask the safety puck for its mode; a later `collect_positions` or `request_positions` notices the reply."""
-        self._unanswered += 1
-        if self._unanswered > _UNANSWERED_POLLS:
-            self.mode = ArmMode.OFFLINE
-        self._bus.send(get_property(SAFETY_NODE, self._safety_mode_id))
+        self._send(*self.watch.mode_question())
 
-    def _notice(self, message: can.Message) -> None:
-        """Take what the safety puck says in passing; other properties are not for us."""
+    def poll_state(self, missing: tuple[int, ...] = ()) -> None:
+        """Ask one more question about the arm's state, as `ArmWatch.question` has it; its answer is noticed later."""
+        self._send(*self.watch.question(missing))
+
+    # --- faults
+
+    def fault(self, sample: ArmSample, *, silent: bool = False, idle_wanted: bool = False) -> NamedFault | None:
+        """What is wrong, by the reading of this cycle and all that was heard. `silent`: readings have been missing for
+        longer than the caller bears; `idle_wanted`: it has asked for idle, which is then no fault."""
+        judge = self._judge
+        if judge.asks_pendant and (question := self.watch.pendant_question()) is not None:
+            self._send(*question)
+        return judge.judge(sample, self._reader.jumped, silent, idle_wanted)
+
+    @property
+    def bus_fault(self) -> NamedFault | None:
+        """What the last BusError means, until `forget_faults`."""
+        return self._bus_fault
+
+    def recovery(self, fault: NamedFault) -> Recovery:
+        """What has to be done about a fault before the arm may be activated again."""
+        return ARM_FAULTS[fault.code].recovery
+
+    def forget_faults(self) -> None:
+        """The operator has cleared the fault: what was counted and heard of it is past."""
+        self._judge.forget()
+        self._bus_fault = None
+
+    def _send(self, identifier: int, data: bytes) -> None:
         try:
-            if message.arbitration_id == UNASKED_SAFETY_ID:
-                self._notice_motor_mode(message)
-            elif is_property(message):
-                reply = parse_property(message)
-                if reply.node == SAFETY_NODE:
-                    self._notice_safety(reply.property_id, reply.value)
-        except ProtocolError:
-            self.malformed_frames += 1
-
-    def _notice_safety(self, number: int, value: int) -> None:
-        firmware = self._safety.firmware
-        if number == self._safety_mode_id:
-            self.mode = arm_mode(value)
-            self._unanswered = 0
-        elif number == property_id("ZERO", firmware, "safety"):
-            self.zeroed = value == 1
-        elif number == property_id("PEN", firmware, "safety"):
-            self.pendant = PendantState.from_value(value)
-
-    def _notice_motor_mode(self, message: can.Message) -> None:
-        """The safety puck has told the motor pucks their mode: what the operator did, before the next poll."""
-        number, value = parse_request(message)
-        if number == self._safety_mode_id and value == MOTOR_TORQUE:
-            self.mode = ArmMode.ACTIVE
-        elif number == self._safety_mode_id and value == MOTOR_IDLE and self.mode is ArmMode.ACTIVE:
-            self.mode = ArmMode.IDLE
+            self._frames.send_frame(identifier, data)
+        except BusError as error:
+            self.refused_frames += 1
+            self._bus_fault = bus_fault(error)
+            raise

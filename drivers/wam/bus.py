@@ -36,8 +36,8 @@ ARM_FILTERS: tuple[tuple[int, int], ...] = (
     (UNASKED_SAFETY_ID, 0x7FF),
     (GROUP_BIT, 0x7F8),
 )
-"""Identifier and mask of all that the arm's driver wants to hear: positions, properties, the safety puck's own, and what
-another host tells groups 0 to 7."""
+"""Identifier and mask of all that the arm's driver wants to hear: positions, properties, the safety puck's own, and
+what another host tells groups 0 to 7."""
 SAFETY_FILTERS: tuple[tuple[int, int], ...] = ((GROUP_BIT | SAFETY_NODE << 5 | 6, 0x7FF),)
 """Only the safety puck's property replies: for a second, otherwise silent socket."""
 
@@ -158,6 +158,9 @@ class PythonCanBus:
             self.dropped_frames += 1
 
     def _unsent(self, identifier: int, error: Exception) -> BusError:
+        # What still waits is old by the time it goes. SocketCAN cannot take it back; its queue should be short.
+        with contextlib.suppress(NotImplementedError, can.CanError, OSError):
+            self._bus.flush_tx_buffer()
         return BusError(
             str(self._bus.channel_info),
             f"frame {identifier:#05x} could not be sent ({error}).",

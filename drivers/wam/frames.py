@@ -166,7 +166,7 @@ def parse_joint_encoder(message: can.Message) -> tuple[int, int]:
 def parse_property(message: can.Message) -> PropertyReply:
     """Read a property reply with two or four value bytes, signed; anything else raises ProtocolError."""
     node = _reply_sender(message, _PROPERTY_TO, "property reply")
-    property_id, value = _property_and_value(message)
+    property_id, value = property_and_value(message.arbitration_id, _plain_data(message))
     return PropertyReply(node, property_id, value)
 
 
@@ -175,7 +175,7 @@ def parse_request(message: can.Message) -> tuple[int, int | None]:
     data = _plain_data(message)
     if len(data) == 1 and not data[0] & 0x80:
         return data[0], None
-    return _property_and_value(message)
+    return property_and_value(message.arbitration_id, _plain_data(message))
 
 
 def parse_torques(message: can.Message) -> tuple[int, tuple[int, int, int, int]]:
@@ -203,10 +203,10 @@ def is_property(message: can.Message) -> bool:
     return message.arbitration_id & _TO_MASK == _PROPERTY_TO
 
 
-def _property_and_value(message: can.Message) -> tuple[int, int]:
-    data = _plain_data(message)
+def property_and_value(identifier: int, data: bytes | bytearray) -> tuple[int, int]:
+    """Read property number and value, signed, in a reply or set-property frame; anything else raises ProtocolError."""
     if len(data) not in (4, 6) or not data[0] & 0x80 or data[1]:
-        raise _malformed(message, "property and value in 4 or 6 bytes")
+        raise _malformed_data(identifier, data, "property and value in 4 or 6 bytes")
     return data[0] & 0x7F, int.from_bytes(data[2:], "little", signed=True)
 
 
@@ -237,9 +237,12 @@ def _frame(identifier: int, data: bytes) -> can.Message:
 
 
 def _malformed(message: can.Message, expected: str) -> ProtocolError:
+    return _malformed_data(message.arbitration_id, message.data, expected)
+
+
+def _malformed_data(identifier: int, data: bytes | bytearray, expected: str) -> ProtocolError:
     return ProtocolError(
         "WAM bus",
-        f"frame {message.arbitration_id:#05x} with data {bytes(message.data).hex() or 'none'} is malformed; "
-        f"expected a {expected}.",
+        f"frame {identifier:#05x} with data {bytes(data).hex() or 'none'} is malformed; expected a {expected}.",
         help="Look for another device or a wrong bit rate on the bus.",
     )

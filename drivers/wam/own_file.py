@@ -55,7 +55,8 @@ def write_own_file(file: Path, changes: Mapping[str, object]) -> None:
 
 def _written(key: str, value: object) -> str:
     if isinstance(value, bool | str):
-        return json.dumps(value, ensure_ascii=False)  # a JSON string is a TOML basic string
+        # A JSON string is a TOML basic string, but for one character.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, int | float) and isfinite(value):
         return repr(value)
     if isinstance(value, list | tuple):
