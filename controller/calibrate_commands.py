@@ -2,21 +2,22 @@
 
 What is measured on the arm goes into the arm's own file, which robot.toml names as `[arm] own_file` and which is laid
 over the packaged `drivers/wam/wam7.toml`. Prompts and notes go to standard error, results to standard output.
-Source: design 6; WAM reference 4.4.
+Source: design 6; WAM reference 4.4. `gravity` has a file of its own, `gravity_command.py`.
 """
 
 from __future__ import annotations
 
 import contextlib
 import json
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
 
+from controller.calibration_options import AsJson, Config, OwnFile, await_enter, own_file, say
 from controller.config import load_config
+from controller.gravity_command import GRAVITY_EXAMPLES, gravity
 from drivers.clock import MonotonicClock
 from drivers.errors import InputError
 from drivers.wam.bus import open_can
@@ -30,13 +31,8 @@ app = typer.Typer(
     epilog="Example: stillgrasp calibrate zero --config robot.toml",
 )
 
-Config = Annotated[Path | None, typer.Option(help="Your robot.toml; without one, the default installation.")]
 Interface = Annotated[str | None, typer.Option(help="CAN interface, socketcan or seqpacket; else the configured one.")]
 Channel = Annotated[str | None, typer.Option(help="CAN channel, such as can0; else the configured one.")]
-OwnFile = Annotated[
-    Path | None, typer.Option("--output", "-o", help="The arm's own file, .toml; else arm.own_file of robot.toml.")
-]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 JointAngles = tuple[float, float, float, float, float, float, float]
 _LARGEST_ANGLE_RAD = 6.3
 
@@ -69,12 +65,7 @@ def zero(
     is active, in E-stop, moving, or controlled by another program is refused.
     """
     robot = load_config(config)
-    file = output or (Path(robot.arm.own_file) if robot.arm.own_file else None)
-    if file is None:
-        raise InputError(
-            "it is not said where the calibration shall be written.",
-            help='Give --output FILE, or write own_file = "FILE" under [arm] of robot.toml.',
-        )
+    file = own_file(robot, output)
     parameters = load_wam_parameters(own=file if file.exists() else None)
     pose = parameters.home_rad if home is None else np.array(home)
     if not np.all(np.isfinite(pose)) or np.any(np.abs(pose) > _LARGEST_ANGLE_RAD):
@@ -85,11 +76,15 @@ def zero(
         measurement = ZeroMeasurement(bus, clock, parameters)
         measurement.prepare()
         if not yes:
-            _await_enter(pose.tolist())
+            angles = " ".join(f"{angle:.3f}" for angle in pose)
+            await_enter(f"place the arm in the pose {angles} rad (base to tool), keep hands off")
         found = measurement.measure(pose)
         write_own_file(file, changes_of(found))
         measurement.zero(found)
     _tell(found, file, parameters, as_json)
+
+
+app.command(epilog=GRAVITY_EXAMPLES)(gravity)
 
 
 def changes_of(found: ZeroCalibration) -> dict[str, object]:
@@ -97,19 +92,12 @@ def changes_of(found: ZeroCalibration) -> dict[str, object]:
     return {"home_rad": found.home_rad.tolist(), "zero_angle_rad": [round(float(a), 6) for a in found.zero_angle_rad]}
 
 
-def _await_enter(pose: list[float]) -> None:
-    angles = " ".join(f"{angle:.3f}" for angle in pose)
-    _say(f"place the arm in the pose {angles} rad (base to tool), keep hands off and press Enter")
-    if not sys.stdin.readline():
-        raise InputError("nobody pressed Enter; nothing was measured.", help="Run it at a terminal, or with --yes.")
-
-
 def _tell(found: ZeroCalibration, file: Path, before: WamParameters, as_json: bool) -> None:
     for note in found.notes:
-        _say(note)
+        say(note)
     plain = sorted(set(range(1, 8)) - set(found.absolute_encoders))
     if plain:
-        _say(f"motors {plain} have no absolute encoder: they are zeroed by the home pose alone")
+        say(f"motors {plain} have no absolute encoder: they are zeroed by the home pose alone")
     if as_json:
         told = {"file": str(file.absolute()), **changes_of(found), "absolute_encoders": list(found.absolute_encoders)}
         typer.echo(json.dumps({**told, "notes": list(found.notes)}))
@@ -119,8 +107,3 @@ def _tell(found: ZeroCalibration, file: Path, before: WamParameters, as_json: bo
     rows = (("home rad", found.home_rad), ("zero rad", found.zero_angle_rad), ("zero before", before.zero_angle_rad))
     for name, values in rows:
         typer.echo(f"{name:12}" + "".join(f"{value:9.4f}" if value != -1.0 else f"{'-':>9}" for value in values))
-
-
-def _say(text: str) -> None:
-    with contextlib.suppress(OSError):
-        print(f"stillgrasp: {text}", file=sys.stderr, flush=True)

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from calibration.gravity_plan import GravityPlan, HeldPose, averaged
-from controller.client import Client, Task
+from controller.client import Client
 from controller.service.state_stream import StateSeen, StateStream, as_seen
 from drivers.errors import CommandError, DeviceError, StillgraspError
 
@@ -96,21 +96,10 @@ class CalibrationRun:
         began = self._next().cycle.number
         while not task.done:
             seen = self._next()
-            if not task.done:  # the end of a move that a fault stopped says more than the fault
-                self._require_well_while(task, seen)
+            self._require_well(seen)
             if (seen.cycle.number - began) * self.period_s > LONGEST_MOVE_S:
                 raise CommandError("timeout", f"The arm has not arrived after {LONGEST_MOVE_S:g} s.")
         task.wait(0.0)
-
-    def _require_well_while(self, task: Task, seen: StateSeen) -> None:
-        try:
-            self._require_well(seen)
-        except CommandError:
-            with contextlib.suppress(CommandError):
-                task.wait(_LOOK_S)
-            if task.done:
-                task.wait(0.0)
-            raise
 
     def _watch(self, duration_s: float) -> list[StateSeen]:
         """All samples of the coming `duration_s`, from the next cycle that is yet to be seen."""
