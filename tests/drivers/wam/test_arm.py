@@ -218,7 +218,7 @@ def test_implausible_jump_is_rejected() -> None:
     # It was asked once more, and again the answer was not believed: the joint is carried on with its filtered speed.
     assert (sample.complete, sample.rejected, sample.replies) == (False, 2, 6)
     speed_rad_s = 180 * (0.9 * quarter_turn_rad / 42) / (1 + 180 * 0.002)
-    assert sample.joint_rad[0] == pytest.approx(0.9 * quarter_turn_rad / 42 + speed_rad_s * 0.002, abs=3e-4)
+    assert sample.joint_rad[0] == pytest.approx(0.9 * quarter_turn_rad / 42 + speed_rad_s * 2.72e-3, abs=3e-4)
 
 
 def test_mode_follows_the_operator_in_passing() -> None:
