@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 
 from calibration.toml_files import FieldError, from_document, load_document, merged
 from controller.pose import Pose
+from drivers.dynamixel.control_tables import MODELS, model_by_name
+from drivers.errors import InputError
 
 DEFAULT_FILE = Path(__file__).with_name("robot.toml")
 SIMULATED_FILE = Path(__file__).with_name("simulated.toml")
@@ -27,6 +29,7 @@ Text = Annotated[str, Meta(min_length=1)]
 _Angle = Annotated[float, Meta(ge=-6.3, le=6.3)]
 _Rate = Annotated[float, Meta(gt=0, le=100)]
 _Amount = Annotated[float, Meta(ge=0, le=10000)]
+_Excursion = Annotated[float, Meta(ge=-0.1, le=0.5)]
 Angles = tuple[_Angle, _Angle, _Angle, _Angle, _Angle, _Angle, _Angle]
 Rates = tuple[_Rate, _Rate, _Rate, _Rate, _Rate, _Rate, _Rate]
 _Torque = Annotated[float, Meta(gt=0, le=100)]
@@ -114,30 +117,60 @@ class HandChoice(_Table, frozen=True):
 
 
 class TendonMotor(_Table, frozen=True):
-    """One tendon motor: address, direction, zero and calibrated load law (Dynamixel reference 1.3, 3)."""
+    """One tendon motor: address, direction, zero and calibrated load law (Dynamixel reference 1.3, 3).
 
-    id: Annotated[int, Meta(ge=0, le=252)]
+    `travel_m`: excursions that may be commanded, lower and upper. `position_gain`: the position loop's stiffness in the
+    model's own register, else the model's default.
+    """
+
+    id: Annotated[int, Meta(ge=0, le=253)]
     tightening_sign: Literal[-1, 1]
     zero_ticks: Annotated[int, Meta(ge=-1048575, le=1048575)]
     spool_radius_m: Annotated[float, Meta(gt=0, le=0.1)]
     torque_constant_Nm_per_A: Annotated[float, Meta(gt=0, le=20)]
     friction_current_A: Annotated[float, Meta(ge=0, le=2)]
+    travel_m: tuple[_Excursion, _Excursion] = (-0.005, 0.0495)
+    position_gain: Annotated[int, Meta(ge=1, le=16383)] | None = None
+
+    def __post_init__(self) -> None:
+        if not self.travel_m[0] < self.travel_m[1]:
+            raise FieldError("travel_m", "a lower and then an upper excursion")
 
 
 class Tendons(_Table, frozen=True):
-    """The serial bus of the tendon motors."""
+    """The serial bus of the tendon motors, and what protects them.
+
+    `model`: what was calibrated; another one is refused. Without it, whatever answers. `holding_cap_N`: load cap of a
+    frozen or stalled motor, where it is lower than the commanded one. From `derating_start_C` on a motor's load cap
+    loses `derating_per_K` of itself with each kelvin. Beyond `stall_timeout_s` at its load cap and at rest, a motor
+    gives up its goal and holds. `watchdog_s`: bus silence after which a motor stops and holds, 0 = never; protocol 1.0
+    has none.
+    """
 
     port: Text
     baud: Annotated[int, Meta(ge=9600, le=4_500_000)]
     poll_period_s: Annotated[float, Meta(ge=0.001, le=0.1)]
     compliance_m_per_N: Annotated[float, Meta(ge=0, le=1e-3)]
     lag_s: Annotated[float, Meta(ge=0, le=0.5)]
+    derating_start_C: Annotated[float, Meta(ge=30, le=100)]
+    derating_per_K: Annotated[float, Meta(ge=0, le=1)]
+    stall_timeout_s: Annotated[float, Meta(ge=0.1, le=3600)]
+    watchdog_s: Annotated[float, Meta(ge=0, le=2.54)]
     right: TendonMotor
     left: TendonMotor
+    model: Text | None = None
+    holding_cap_N: Annotated[float, Meta(gt=0, le=300)] | None = None
 
     def __post_init__(self) -> None:
         if self.right.id == self.left.id:
             raise FieldError("left.id", f"another id than right.id = {self.right.id}")
+        if 0 < self.watchdog_s < 0.02:
+            raise FieldError("watchdog_s", "0 (off) or 0.02 to 2.54")
+        if self.model is not None:
+            try:
+                model_by_name(self.model)
+            except InputError as error:
+                raise FieldError("model", f"one of {', '.join(model.name for model in MODELS.values())}") from error
 
 
 class Cycle(_Table, frozen=True):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.hand.parameters import Hand, load_hand
-from controller.config import RobotConfig, TendonMotor
+from controller.config import RobotConfig, TendonMotor, Tendons
 from controller.cycle.arm_model import ArmFriction, ArmModel, RigidBody
 from controller.cycle.arm_motion import ArmMotion, ArmMotionLimits
 from controller.cycle.compensation import OffsetLimits, OffsetSmoother, WristOffset
@@ -25,7 +25,7 @@ from controller.messages import CompensationIndex
 from controller.service.hand import HandSettings
 from drivers.clock import Clock
 from drivers.dynamixel.load_law import LoadLaw
-from drivers.dynamixel.tendons import MotorSettings
+from drivers.dynamixel.settings import MotorSettings
 from drivers.wam.arm import Arm
 from drivers.wam.bus import CanBus
 from drivers.wam.parameters import WamParameters, load_wam_parameters
@@ -154,7 +154,7 @@ def motor_drive(config: RobotConfig) -> MotorDrive:
 
 def tendon_motors(config: RobotConfig) -> tuple[MotorSettings, MotorSettings]:
     """Settings of both tendon motors, right and left."""
-    return _motor(config.tendons.right), _motor(config.tendons.left)
+    return _motor(config.tendons, config.tendons.right), _motor(config.tendons, config.tendons.left)
 
 
 def hand_settings(config: RobotConfig) -> HandSettings:
@@ -162,7 +162,7 @@ def hand_settings(config: RobotConfig) -> HandSettings:
     return HandSettings(period_s=config.tendons.poll_period_s, opening_rate_m_s=config.squeeze.closing_rate_m_s)
 
 
-def _motor(motor: TendonMotor) -> MotorSettings:
+def _motor(tendons: Tendons, motor: TendonMotor) -> MotorSettings:
     law = LoadLaw(
         torque_constant_Nm_per_A=motor.torque_constant_Nm_per_A,
         friction_current_A=motor.friction_current_A,
@@ -174,4 +174,12 @@ def _motor(motor: TendonMotor) -> MotorSettings:
         zero_ticks=motor.zero_ticks,
         spool_radius_m=motor.spool_radius_m,
         load_law=law,
+        model=tendons.model,
+        travel_m=motor.travel_m,
+        position_gain=motor.position_gain,
+        holding_cap_N=tendons.holding_cap_N,
+        watchdog_s=tendons.watchdog_s,
+        derating_start_C=tendons.derating_start_C,
+        derating_per_K=tendons.derating_per_K,
+        stall_timeout_s=tendons.stall_timeout_s,
     )
