@@ -63,10 +63,11 @@ def build_table(
     if grasp.supported and object.support is not None and object.support.friction > 0:
         limits = sliding(object)
         drag = SupportDrag(limits.force_N, limits.moment_Nm)
+    columns = nodes + 1 - nodes % 2  # the equal difference is a column of its own
     path = solve_path_grid(
         system,
         nodes=nodes,
-        columns=nodes + 1 - nodes % 2,  # the equal difference is a column of its own
+        columns=columns,
         difference_range_m=DIFFERENCE_RANGE_M,
         drag=drag,
         progress=lambda done: report(0.7 * done),
@@ -90,7 +91,7 @@ def build_table(
             "largest_residual": max(path.solutions.residual, load.residual),
             "solved_share": float(path.solutions.solved.mean()),
             "failed_nodes": float(path.left_out.sum()),
-            "largest_required_friction": float(np.nanmax(arrays["excursion.required_friction"])),
+            "largest_required_friction": float(np.nanmax(arrays["excursion.required_friction"][:, columns // 2])),
             "interpolation_error_m": error.excursion_m,
             "interpolation_error_rad": error.excursion_rad,
             "load_interpolation_error_m": error.load_m,

@@ -49,7 +49,8 @@ def solve_load_grid(system: GraspSystem, path: PathGrid, rows: int) -> LoadGrid:
     step = float(axis[1] - axis[0])
     axis = np.append(axis, axis[-1] + step)
     low, high = (_with_neighbours(edge, pick) for edge, pick in ((start_N, np.minimum), (end_N, np.maximum)))
-    row, column = np.nonzero((axis[:, None] >= low - step) & (axis[:, None] <= high + step) & curve.rises)
+    wanted = (axis[:, None] >= low - step) & (axis[:, None] <= high + step) & (axis[:, None] <= curve.reach_N)
+    row, column = np.nonzero(wanted & curve.rises)
     place, near = curve.place(axis[row], column)
     solved = path.solutions
     guess = in_column(solved.w, solved.nodes.along_0, solved.axes.steps_m[0], place, column)
@@ -62,7 +63,9 @@ def solve_load_grid(system: GraspSystem, path: PathGrid, rows: int) -> LoadGrid:
     found[near] = np.where(good[:, None], states.w, np.nan)
     beside = ~near
     pulls = None if wrench is None else (wrench[beside], wrench[beside])
-    found[beside] = advance(system, guess[beside], drive, guess[beside] @ drive.rows.T, target[beside], wrench=pulls)
+    found[beside] = advance(
+        system, guess[beside], drive, guess[beside] @ drive.rows.T, target[beside], wrench=pulls, halvings=1
+    )
     w = np.full((axis.size, curve.rises.size, system.size), np.nan)
     w[row, column] = found
     pull = None
@@ -85,7 +88,8 @@ class _LoadCurve:
         solved = path.solutions
         self._path, self._step_m = path, solved.axes.steps_m[0]
         self._load, self._slope = solved.w @ drive.rows[0], solved.nodes.along_0 @ drive.rows[0]
-        middle = self._load.shape[1] // 2
+        columns = self._load.shape[1]
+        middle = columns // 2
         own = np.searchsorted(solved.axes.mean_m, (path.domain.start_m[middle], path.domain.end_m[middle])) - [0, 1]
         rise = float(np.diff(self._load[own, middle])[0] / np.diff(solved.axes.mean_m[own])[0])
         least = LEAST_LOAD_SLOPE * rise
@@ -96,6 +100,10 @@ class _LoadCurve:
         self._top = np.floor(self._until(0.0)).astype(int)
         self.rises = self._top > first
         """(columns,) whether there is anything to re-sample"""
+        each = np.arange(columns)
+        steepness = self._slope[self._top, each]
+        self.reach_N = self._load[self._top, each] + np.where(steepness > least, self._step_m * steepness, 0.0)
+        """(columns,) highest load that is looked for: that of the last node, and while it is steep what one more adds"""
 
     def _until(self, least: float) -> Reals:
         """Per column, the place (counted in rows) from which the slope is below `least` or nothing is solved."""

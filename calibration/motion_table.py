@@ -9,6 +9,7 @@ rotation about z. Tendon and finger order: right, left. Source: design 4.
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -349,6 +350,15 @@ def _check(header: TableHeader, arrays: Arrays, source: str | Path) -> None:
     for name, axes in header.axes.items():
         if len(axes) != 2:
             raise TableError(source, f"has {len(axes)} {name} axes; look-up is for 2.", help=REBUILD)
+    tendons = len(header.tendons)
+    lists = {"excursion_m": tendons, "tension_N": tendons, "pose": 6, "free_closing_stiffness_N_per_m": tendons}
+    for name, length in lists.items():
+        values = getattr(header.contact, name)
+        if len(values) != length or not all(math.isfinite(value) for value in values):
+            raise TableError(source, f"has contact.{name} = {values}, expected {length} finite numbers.", help=REBUILD)
+    for name in ("nodes", "load_cap_N", "frozen_travel_m"):
+        if not math.isfinite(header.settings.get(name, math.nan)):
+            raise TableError(source, f"lacks the setting {name!r}, or it is not finite.", help=REBUILD)
     try:
         columns = arrays["excursion.axis_1"].size
         expected: dict[str, tuple[int, ...]] = {
@@ -369,5 +379,9 @@ def _check(header: TableHeader, arrays: Arrays, source: str | Path) -> None:
                 )
             if not key.endswith(NODE_FIELDS) and not np.isfinite(array).all():
                 raise TableError(source, f"has values in {key} that are not finite.", help=REBUILD)
+            if "axis" in key and not (np.diff(array) > 0).all():
+                raise TableError(source, f"has a {key} that does not rise.", help=REBUILD)
+        if len(header.column_end) != columns:
+            raise TableError(source, f"names {len(header.column_end)} ends of {columns} columns.", help=REBUILD)
     except KeyError as error:
         raise TableError(source, f"lacks the array {error}.", help=REBUILD) from error

@@ -41,7 +41,7 @@ def write_file(path: str | Path, header: Mapping[str, Any], arrays: Arrays) -> N
     path = Path(path)
     text = np.frombuffer(json.dumps(header, sort_keys=True, allow_nan=False).encode(), np.uint8)
     buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, header=text, **arrays)
+    np.savez_compressed(buffer, allow_pickle=False, header=text, **arrays)
     body = buffer.getvalue()[:-2] + struct.pack("<H", COMMENT_SIZE)  # a zip ends with the length of its comment
     content = body + MARK + hashlib.sha256(body).hexdigest().encode()
     neighbour = path.with_name(f".{path.name}.{os.getpid()}")

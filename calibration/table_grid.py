@@ -20,9 +20,6 @@ from drivers.errors import InputError
 
 Reals = NDArray[np.float64]
 
-CUBIC = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [-3, 3, -2, -1], [2, -2, 1, 1]])
-"""Powers 0…3 of the share of a cell, from (value, value, slope, slope) at its two ends."""
-
 
 class Place(Enum):
     """Where an index that cannot be read lies relative to the domain."""
@@ -50,13 +47,21 @@ class GridNodes:
 
 def cell_coefficients(nodes: GridNodes, step_0: float, step_1: float) -> Reals:
     """Polynomial coefficients per cell, (n0 − 1, n1 − 1, power of axis 1, power of axis 0, channels); NaN in a hole."""
-    F = np.empty((2, 2, *nodes.value.shape))
-    F[0, 0], F[1, 0] = nodes.value, nodes.along_0 * step_0
-    F[0, 1], F[1, 1] = nodes.along_1 * step_1, nodes.mixed * step_0 * step_1
-    corners = np.array([[F[:, :, a : F.shape[2] - 1 + a, b : F.shape[3] - 1 + b] for b in (0, 1)] for a in (0, 1)])
-    # corners: (end 0, end 1, derivative 0, derivative 1, n0 − 1, n1 − 1, channels) to (derivative, end) pairs per axis
-    paired = corners.transpose(2, 0, 3, 1, 4, 5, 6).reshape(4, 4, *corners.shape[4:])
-    return np.ascontiguousarray(np.einsum("pa,qb,abijk->ijqpk", CUBIC, CUBIC, paired, optimize=True))
+    n0, n1, channels = nodes.value.shape
+    along_0 = _powers(nodes.value, nodes.along_0 * step_0, 0)  # cubics along axis 0 at every node of axis 1,
+    turning = _powers(nodes.along_1 * step_1, nodes.mixed * (step_0 * step_1), 0)  # and their slopes along it
+    result = np.empty((n0 - 1, n1 - 1, 4, 4, channels))
+    for power_0, (value, slope) in enumerate(zip(along_0, turning, strict=True)):
+        for power_1, coefficient in enumerate(_powers(value, slope, 1)):
+            result[:, :, power_1, power_0] = coefficient
+    return result
+
+
+def _powers(value: Reals, slope: Reals, axis: int) -> tuple[Reals, Reals, Reals, Reals]:
+    """Coefficients of the powers 0…3 of the share of each cell along an axis, from values and slopes per cell."""
+    near, far = (slice(None),) * axis + (slice(None, -1),), (slice(None),) * axis + (slice(1, None),)
+    rest, leaving, arriving = value[far] - value[near], slope[near], slope[far]
+    return value[near], leaving, 3 * rest - 2 * leaving - arriving, leaving + arriving - 2 * rest
 
 
 def read_nodes(nodes: GridNodes, steps: tuple[float, float], share_0: Reals, share_1: Reals) -> Reals:

@@ -20,8 +20,8 @@ STEP_LIMIT = 0.2
 """Largest change of a scaled unknown of z in one Newton step (rad, or 30 mm × that)."""
 TOLERANCE = 1e-12
 """Largest scaled residual of a solution."""
-REACTION_TOLERANCE = 1e-9
-"""Likewise with a wrench that depends on the pose: rounding of the place of an object that sticks leaves no less."""
+REACTION_TOLERANCE = 1e-7
+"""Likewise with a wrench that depends on the pose: rounding of the place of an object that sticks leaves some 1e-9."""
 ITERATIONS = 30
 TOGETHER = 256
 """States whose matrices are worked on at once."""

@@ -75,7 +75,7 @@ def solve_path_grid(
     alike = drag is None and system.friction_direction == 1
     coarse = _coarse_solutions(system, watch, columns, difference_range_m, 1.0 if alike else BEYOND_CAP)
     progress(0.3)
-    ends = domain(system, watch, coarse)
+    ends = domain(system, watch, coarse, within=1e-2)
     end_m = float(ends.end_m[ends.end_m.size // 2])
     if end_m < SHORTEST_PATH_M:
         raise MechanicsError(
@@ -114,7 +114,8 @@ def _coarse_solutions(
     winding_watch = Watch(winding)
     found = Followed.nothing(axes, winding, winding_watch)
     found.w[0, half] = first
-    follow(winding, winding_watch, axes, found)
+    far = np.ones((*axes.shape, len(winding_watch.names) - winding_watch.linear))
+    follow(winding, winding_watch, axes, found, far)  # clearances are looked at afterwards, all at once
     rows = max(4, int(np.flatnonzero(known(found.w).any(1))[-1]) + 1)
     axes = replace(axes, mean_m=axes.mean_m[:rows])
     w = found.w[:rows]

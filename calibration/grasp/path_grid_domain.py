@@ -18,8 +18,9 @@ from calibration.grasp.path_grid_solutions import Solutions, in_column
 from calibration.hand.finger import Reals
 
 NO_SOLUTION = "no stable equilibrium"
-ITERATIONS = 9
-"""Of the secant method: from 0.2 mm to below 1e-12 m."""
+ITERATIONS = 12
+CLOSE = 1e-9
+"""Share of the way between two nodes by which the secant method may still move: 0.2 pm."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +33,8 @@ class Domain:
     end_event: tuple[str, ...]
 
 
-def domain(system: GraspSystem, watch: Watch, solutions: Solutions) -> Domain:
-    """Domain of every column."""
+def domain(system: GraspSystem, watch: Watch, solutions: Solutions, within: float = CLOSE) -> Domain:
+    """Domain of every column, its ends found to `within` of the distance between two nodes."""
     mean_m = solutions.axes.mean_m
     fine = inside(solutions.margins)
     rows, columns = fine.shape
@@ -51,11 +52,11 @@ def domain(system: GraspSystem, watch: Watch, solutions: Solutions) -> Domain:
         )
         names[column] = (*watch.names, NO_SOLUTION)[int(np.argmin(margins))]
     begun = np.flatnonzero(some & (first > 0))
-    begins = _crossings(system, watch, solutions, begun, first[begun], first[begun] - 1)
+    begins = _crossings(system, watch, solutions, begun, first[begun], first[begun] - 1, within)
     start_m[begins.column] = 0.0
     np.maximum.at(start_m, begins.column, begins.mean_m)
     ended = np.flatnonzero(some & (last < rows - 1))
-    ends = _crossings(system, watch, solutions, ended, last[ended], last[ended] + 1)
+    ends = _crossings(system, watch, solutions, ended, last[ended], last[ended] + 1, within)
     for index in np.argsort(-ends.mean_m, kind="stable"):  # the earliest of a column comes last
         column = ends.column[index]
         end_m[column], end_w[column] = ends.mean_m[index], ends.w[index]
@@ -94,7 +95,13 @@ class _Crossings:
 
 
 def _crossings(
-    system: GraspSystem, watch: Watch, solutions: Solutions, columns: Indices, inner: Indices, outer: Indices
+    system: GraspSystem,
+    watch: Watch,
+    solutions: Solutions,
+    columns: Indices,
+    inner: Indices,
+    outer: Indices,
+    within: float,
 ) -> _Crossings:
     """All margins that change sign in `columns` between the rows `inner` (≥ 0) and `outer`. Where no equilibrium can be
     solved in between, the inner node stands for the crossing."""
@@ -106,6 +113,7 @@ def _crossings(
     near, far = np.zeros(which.size), np.ones(which.size)
     f_near, f_far = np.maximum(margins_in[which, event], 0.0), margins_out[which, event]
     best, w, last_side = near.copy(), solutions.w[row_in, column], np.zeros(which.size, int)
+    previous = near
     for _ in range(ITERATIONS if which.size else 0):
         share = near + (far - near) * f_near / (f_near - f_far)
         place = np.asarray(row_in + share * (row_out - row_in), np.float64)
@@ -119,6 +127,9 @@ def _crossings(
         usable = states.converged & np.isfinite(found)
         best, w = np.where(usable, share, best), np.where(usable[:, None], states.w, w)
         side = np.where(usable, np.where(found >= 0, 1, -1), 0)
+        if (np.abs(share - previous) < within).all():
+            break
+        previous = share
         f_far = np.where((side == 1) & (last_side == 1), 0.5 * f_far, f_far)  # an end that stays twice counts half
         f_near = np.where((side == -1) & (last_side == -1), 0.5 * f_near, f_near)
         near, f_near = np.where(side == 1, share, near), np.where(side == 1, found, f_near)

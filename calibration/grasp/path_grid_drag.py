@@ -26,6 +26,9 @@ SMOOTHING = 1e-3
 FIRST_SHARES = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)
 """Where the first stretch between two nodes is divided: motion begins abruptly."""
 
+SLIDING_SHARE = 0.95
+"""Of the largest friction: an object that is pulled at by less sticks."""
+
 Guess = Callable[[Reals, Indices], Reals]
 """States (P, size) without drag, near enough to start from, at means (P,) counted in rows and columns (P,)."""
 
@@ -121,21 +124,50 @@ class _Track:
         self._place = np.zeros(columns)
         self._poses = np.zeros((2, columns, 3))
         self._step_m = np.full(columns, np.nan)
+        self._away = np.zeros((2, columns, system.size))
         self.w, self.wrench = np.full((columns, system.size), np.nan), np.full((columns, 3), np.nan)
 
     def begin(self, columns: Indices, row: int) -> None:
-        """Stand at a row without drag, and find the wrench with which motion begins."""
+        """Winding: stand at a row without drag, and find the wrench with which motion begins. Unwinding: slide already,
+        as free motion would go."""
         place = np.full(columns.size, float(row))
-        free = self._system.solve(self._guess(place, columns), self._axes.drive, self._targets(place, columns))
+        drive, target = self._axes.drive, self._targets(place, columns)
+        near = self._guess(place, columns)
+        free = self._system.solve(near, drive, target)
+        if self._ahead < 0:
+            pose = slice(self._system.joints, self._system.unknowns)
+            wrench = self._drag.wrench(-self._system.tangent(free.w, drive)[:, pose, 0])
+            pulled = self._system.solve(free.w, drive, target, wrench=wrench)
+            self._take(columns, place, pulled.w, pulled.converged, wrench)
+            self._step_m[columns], self._away[:, columns] = np.nan, pulled.w - near
+            return
         self._take(columns, place, free.w, free.converged, np.full((columns.size, 3), np.nan))
-        self._step_m[columns] = np.nan
+        self._step_m[columns], self._away[:, columns] = np.nan, free.w - near
         here, poses = self.w[columns], self._poses[:, columns]
-        self.step(columns, row + self._ahead * FIRST_SHARES[0])
-        wrench = self.wrench[columns]
-        held = self._system.solve(here, self._axes.drive, self._targets(place, columns), wrench=wrench)
+        wrench = self._first_wrench(columns, row)
+        self._place[columns] = place
+        held = self._system.solve(here, drive, target, wrench=wrench)
         self._take(columns, place, held.w, held.converged, wrench)
         self._poses[:, columns] = poses
-        self._step_m[columns] = np.nan
+        self._step_m[columns], self._away[:, columns] = np.nan, held.w - near
+
+    def _first_wrench(self, columns: Indices, row: int) -> Reals:
+        """Wrench (P, 3) with which the object begins to slide. Where it sticks for less than a quarter of the way to
+        the next row (soft shapes of flexures take up the winding), it is taken as sliding at once: no grid shows more.
+        """
+        first: Reals | None = None
+        for share in FIRST_SHARES[:-2]:
+            self.step(columns, row + self._ahead * share)
+            now = self.wrench[columns]
+            slides = np.linalg.norm(now / np.maximum(self._drag.limits, 1e-300), axis=1) > SLIDING_SHARE
+            if first is None:
+                first, settled = now, slides
+            first = np.where((slides & ~settled)[:, None], now, first)
+            settled |= slides | ~np.isfinite(now).all(1)
+            if settled.all():
+                break
+        assert first is not None
+        return first
 
     def step(self, columns: Indices, place: float) -> None:
         """Move on to a mean counted in rows."""
@@ -146,13 +178,15 @@ class _Track:
         drift = -(ratio**2 / (1 + ratio) / step_m)[:, None] * (newest - older)
         wrench = np.nan_to_num(self.wrench[columns])
         sliding = Sliding(self._drag, (1 + 2 * ratio) / (1 + ratio) / step_m, newest, drift, wrench)
-        guess = self.w[columns] + self._guess(now, columns) - self._guess(before, columns)
+        free = self._guess(now, columns)
+        guess = free + self._away[0, columns] + ratio[:, None] * (self._away[0, columns] - self._away[1, columns])
         states = self._system.solve(guess, self._axes.drive, self._targets(now, columns), wrench=sliding)
         joints = slice(0, self._system.joints)
         good = states.converged & (np.abs(states.w - self.w[columns])[:, joints].max(1) < LONGEST_STEP)
         pose = states.w[:, self._system.joints : self._system.unknowns]
         self._take(columns, now, states.w, good, sliding.wrench(pose))
         self._step_m[columns] = step_m
+        self._away[1, columns], self._away[0, columns] = self._away[0, columns], states.w - free
 
     def _take(self, columns: Indices, place: Reals, w: Reals, good: Flags, wrench: Reals) -> None:
         self._place[columns] = place
