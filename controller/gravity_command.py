@@ -85,8 +85,8 @@ def gravity(
         joints = ", ".join(str(joint + 1) for joint in refused)
         raise InputError(
             f"too large a residual is left in joint {joints}; nothing was written.",
-            help="See that nothing touches the arm or hangs on it, that the hand's file holds its mass and robot.toml how "
-            "the base is mounted; then measure again.",
+            help="See that nothing touches the arm or hangs on it, that the hand's file holds its mass, and robot.toml "
+            "how the base is mounted; then measure again.",
         )
 
 
