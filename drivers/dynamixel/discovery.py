@@ -12,7 +12,7 @@ from drivers.clock import Clock, MonotonicClock
 from drivers.dynamixel.bus import MotorBus, PingAnswer, motor_name
 from drivers.dynamixel.byte_line import ByteLine, SerialLine
 from drivers.dynamixel.control_tables import MODELS, MotorModel, model_by_number
-from drivers.dynamixel.motor import TendonMotor
+from drivers.dynamixel.motor import TendonMotor, is_alone
 from drivers.dynamixel.port import WaitingPort
 from drivers.dynamixel.protocol1_bus import Protocol1Bus
 from drivers.dynamixel.protocol2_bus import Protocol2Bus
@@ -200,8 +200,9 @@ def _found(bus: MotorBus, motor_id: int, baud: int) -> FoundMotor | None:
         return FoundMotor(baud, bus.protocol, motor_id, None, "damaged answers", None, alert=False, shared_id=True)
     if answer is None:
         return None
-    name = MODELS[answer.model_number].name if answer.model_number in MODELS else f"model {answer.model_number}"
-    shared = bool(bus.surplus())
+    model = MODELS.get(answer.model_number)
+    name = f"model {answer.model_number}" if model is None else model.name
+    shared = bool(bus.surplus()) or (model is not None and not is_alone(bus, motor_id, model))
     return FoundMotor(
         baud, bus.protocol, motor_id, answer.model_number, name, answer.firmware, answer.alert, shared_id=shared
     )

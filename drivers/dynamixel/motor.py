@@ -167,18 +167,9 @@ class TendonMotor:
             )
 
     def _check_alone(self) -> None:
-        """Two motors with one id answer into each other's words; or one after the other, if their delays differ."""
-        register = self.model.registers["present_position"]
-        damaged = 0
-        for _ in range(_CLEAN_READS):
-            try:
-                self._bus.read(self.motor_id, register.address, register.size)
-            except ProtocolError:
-                damaged += 1
-        if damaged > 1 or self._bus.surplus():
-            how = f"{damaged} of {_CLEAN_READS} answers were damaged" if damaged > 1 else "a request was answered twice"
+        if not is_alone(self._bus, self.motor_id, self.model):
             raise self._error(
-                f"does not seem to be alone: {how}.",
+                "does not seem to be alone: its answers are damaged, or come twice.",
                 "Two motors have this id, or the cable is bad. Connect one motor at a time and give each its own id.",
             )
 
@@ -262,8 +253,7 @@ class TendonMotor:
 
     def _choose_mode(self) -> None:
         if self.model.protocol == 2:
-            if self.read("operating_mode") not in self.model.position_modes:
-                self.write("operating_mode", self.model.position_modes[0])
+            self._write_if_different("operating_mode", self.model.position_modes[0])
         elif self.read("cw_angle_limit") == self.read("ccw_angle_limit") == 0:
             self.write("ccw_angle_limit", self.model.registers["ccw_angle_limit"].maximum)
 
@@ -299,6 +289,19 @@ class TendonMotor:
 
     def _error(self, message: str, help: str) -> DeviceError:
         return DeviceError(motor_name(self.motor_id), message, help=help)
+
+
+def is_alone(bus: MotorBus, motor_id: int, model: MotorModel) -> bool:
+    """Whether one motor answers to this id. Two answer a ping alike, but a position into each other's words; or one
+    after the other, if their delays differ. NoReplyError, BusError."""
+    register = model.registers["present_position"]
+    damaged = 0
+    for _ in range(_CLEAN_READS):
+        try:
+            bus.read(motor_id, register.address, register.size)
+        except ProtocolError:
+            damaged += 1
+    return damaged <= 1 and not bus.surplus()
 
 
 def hardware_error_text(bits: int) -> str:
