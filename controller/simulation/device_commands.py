@@ -22,9 +22,10 @@ from controller.simulation.device_loop import DeviceLoop, HasFileno
 from controller.simulation.pendant_lines import PendantLines
 from controller.simulation.stepped_clock import SteppedClock
 from drivers.clock import nanoseconds
-from drivers.dynamixel.control_tables import MODELS
+from drivers.dynamixel.control_tables import MODELS, XM430_W350, model_by_name
 from drivers.errors import InputError
 from drivers.simulated.dynamixel import SimulatedMotors, SimulatedMotorSettings
+from drivers.simulated.serial_fault_actions import Unplug
 from drivers.simulated.serial_lines import PtyServer
 from drivers.simulated.spring_tendons import SpringTendons
 
@@ -36,6 +37,8 @@ app = typer.Typer(
 AsJson = Annotated[bool, typer.Option("--json", help="Print the bus as one line of JSON when ready.")]
 PATIENCE_S = 0.5
 """A heartbeat for machines that stall."""
+TAUT_TICKS = 100
+"""Where motors of protocol 1.0 stand at first: below 0 there is nothing for them to let tendon out to."""
 _PLANT_STEP_NS = nanoseconds(0.0005)
 
 
@@ -124,23 +127,53 @@ def wam(
         _run(loop, clock, stop, ready, buttons, press)
 
 
-@app.command(epilog="Example: stillgrasp simulate dynamixel --ids 1 2 --json; then open its port with dynamixel-sdk")
+@app.command(
+    epilog="Example: stillgrasp simulate dynamixel --model MX-28 --ids 1 2 --json; then open its port with "
+    'dynamixel-sdk at 1 Mbit/s. A fault, in faults.toml: [[fault]] on = "torque_on", at_s = 2, '
+    'action = { kind = "hardware_error", motors = [1], error = "overload" }, each on a line of its own.'
+)
 def dynamixel(
-    model: Annotated[str, typer.Option(help="Motor model.")] = "XM430-W350",
+    model: Annotated[
+        str,
+        typer.Option(help=f"Motor model, which decides the protocol: {', '.join(m.name for m in MODELS.values())}."),
+    ] = XM430_W350.name,
     ids: Annotated[tuple[int, int], typer.Option(help="Bus ids of the two motors, right and left.")] = (1, 2),
     baud: Annotated[
-        int, typer.Option(min=9600, max=4_500_000, help="Baud rate that answers are timed by.")
+        int, typer.Option(help="Baud rate that the motors are set to: a client at another is not understood.")
     ] = 1_000_000,
+    faults: Annotated[
+        Path | None, typer.Option(help="Fault script: TOML, or JSON lines (.jsonl).", show_default=False)
+    ] = None,
+    supply: Annotated[float, typer.Option(min=0, max=30, help="Supply voltage, V.")] = 12.0,
+    noise: Annotated[float, typer.Option(min=0, max=100, help="Noise of current or load, counts.")] = 1.0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Two tendon motors, each pulling on a spring, on a serial line (a pty). Ctrl-C ends it."""
-    known = {candidate.name: candidate for candidate in MODELS.values()}
-    if model not in known:
-        raise InputError(f"model {model!r} is unknown; expected one of {', '.join(known)}.")
-    plant = SpringTendons()
-    motors = SimulatedMotors(plant, [SimulatedMotorSettings(motor_id, model=known[model]) for motor_id in ids])
+    """Two tendon motors, each pulling on a spring, on a serial line (a pty). Ctrl-C ends it.
+
+    With a scripted unplugging, the path that is printed leads to the new line when the adapter is plugged in again.
+    """
+    from controller.simulation.fault_file import read_motor_faults
+    from drivers.simulated.dynamixel_electrics import electrics_of
+    from drivers.simulated.faults import FaultScript
+
+    script = FaultScript() if faults is None else read_motor_faults(faults)
+    motor_model = model_by_name(model)
+    electrics = electrics_of(motor_model)
+    plant = SpringTendons(friction_Nm=electrics.gear_friction_Nm, inertia_kgm2=electrics.inertia_kgm2)
     clock = SteppedClock()
     plant_ns = clock.now_ns()
+    taut_ticks = TAUT_TICKS if motor_model.protocol == 1 else 0
+    motors = SimulatedMotors(
+        plant,
+        [SimulatedMotorSettings(motor_id, taut_ticks, model=motor_model) for motor_id in ids],
+        baud=baud,
+        supply_V=supply,
+        noise_counts=noise,
+        seed=seed,
+        faults=script,
+        start_ns=plant_ns,
+    )
 
     def advance(now_ns: int) -> None:
         nonlocal plant_ns
@@ -151,10 +184,15 @@ def dynamixel(
 
     with contextlib.ExitStack() as stack:
         stop = stack.enter_context(StopRequests())
-        pty = PtyServer(motors, clock, baud)
+        if any(isinstance(fault.action, Unplug) for fault in script.faults):
+            directory = RunDirectory(runtime_directory())
+            stack.callback(directory.remove)
+            pty = PtyServer(motors, clock, baud, link=directory.path / "tendons")
+        else:
+            pty = PtyServer(motors, clock, baud)
         stack.callback(pty.close)
-        loop = DeviceLoop(clock, advance, [pty], lambda: [pty.fileno()], _say)
-        _run(loop, clock, stop, partial(_tell, {"port": pty.port}, as_json))
+        loop = DeviceLoop(clock, advance, [pty], pty.filenos, _say)
+        _run(loop, clock, stop, partial(_tell, {"port": str(pty.link or pty.port)}, as_json))
 
 
 def _run(

@@ -16,6 +16,7 @@ from drivers.errors import ConfigurationError
 from drivers.simulated.arm_faults import ArmAction
 from drivers.simulated.can_fault_actions import CanAction
 from drivers.simulated.faults import Fault, FaultScript
+from drivers.simulated.serial_fault_actions import SerialAction
 
 JSON_LINES = (".jsonl", ".ndjson", ".json")
 
@@ -23,6 +24,11 @@ JSON_LINES = (".jsonl", ".ndjson", ".json")
 def read_wam_faults(path: Path) -> FaultScript[CanAction | ArmAction]:
     """The script of a simulated WAM and its CAN bus. ConfigurationError names file, fault, key and what is accepted."""
     return read_faults(path, FaultScript[CanAction | ArmAction])
+
+
+def read_motor_faults(path: Path) -> FaultScript[SerialAction]:
+    """The script of simulated tendon motors and their serial bus. Errors: ConfigurationError, likewise."""
+    return read_faults(path, FaultScript[SerialAction])
 
 
 def wam_fault(line: str) -> Fault[CanAction | ArmAction]:

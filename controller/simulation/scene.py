@@ -10,7 +10,12 @@ from calibration.hand.parameters import Hand
 from calibration.objects.parameters import load_object
 from controller.config import RobotConfig, TendonMotor
 from controller.simulation.world import World
+from controller.simulation.world_model import Imperfections
+from drivers.dynamixel.control_tables import XM430_W350, MotorModel, model_by_name
 from drivers.simulated.dynamixel import SimulatedMotors, SimulatedMotorSettings
+from drivers.simulated.dynamixel_electrics import electrics_of
+from drivers.simulated.faults import FaultScript
+from drivers.simulated.serial_fault_actions import SerialAction
 from drivers.simulated.wam import SimulatedWam
 from drivers.wam.parameters import load_wam_parameters
 
@@ -22,7 +27,8 @@ READY_RAD = (0.0, 0.1, 0.0, 2.3, 0.0, -0.8, 0.0)
 class Scene:
     """An object (name or file) whose section's centre stands at `object_xyz_m`, turned by `object_yaw_rad`, on its own
     support; its outline is turned by `outline_angle_rad` more, as first contact places it in the hand. The arm stands
-    at `joint_rad` (7, rad). `seed` draws the arm's imperfections."""
+    at `joint_rad` (7, rad). `seed` draws the arm's imperfections and the noise of the motors' current or load, of which
+    `motor_noise_counts` is the standard deviation."""
 
     object: str = "cylinder40"
     object_xyz_m: tuple[float, float, float] = (0.80, 0.0, 0.55)
@@ -30,6 +36,7 @@ class Scene:
     outline_angle_rad: float = 0.0
     joint_rad: tuple[float, ...] = READY_RAD
     seed: int = 0
+    motor_noise_counts: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -41,9 +48,21 @@ class Devices:
     motors: SimulatedMotors
 
 
-def build_devices(config: RobotConfig, hand: Hand, scene: Scene, *, start_ns: int = 0, zeroed: bool = True) -> Devices:
-    """World, arm and tendon motors for one scene. `zeroed`: the pucks remember the arm's positions."""
+def build_devices(
+    config: RobotConfig,
+    hand: Hand,
+    scene: Scene,
+    *,
+    start_ns: int = 0,
+    zeroed: bool = True,
+    motor_faults: FaultScript[SerialAction] | None = None,
+) -> Devices:
+    """World, arm and tendon motors for one scene. `zeroed`: the pucks remember the arm's positions.
+
+    The motors are those of `tendons.model`, without it XM430-W350; `motor_faults` is what goes wrong with them.
+    """
     parameters = load_wam_parameters()
+    model = XM430_W350 if config.tendons.model is None else model_by_name(config.tendons.model)
     cos, sin = np.cos(scene.object_yaw_rad), np.sin(scene.object_yaw_rad)
     T_world_object = np.array([[cos, -sin, 0, 0], [sin, cos, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], dtype=np.float64)
     T_world_object[:3, 3] = scene.object_xyz_m
@@ -56,15 +75,24 @@ def build_devices(config: RobotConfig, hand: Hand, scene: Scene, *, start_ns: in
         T_world_object=T_world_object,
         joint_rad=scene.joint_rad,
         seed=scene.seed,
+        imperfections=Imperfections(gear_friction_Nm=round(electrics_of(model).gear_friction_Nm, 3)),
         outline_angle_rad=scene.outline_angle_rad,
         spool_radius_m=config.tendons.right.spool_radius_m,
         start_ns=start_ns,
     )
-    motors = SimulatedMotors(world, (_mounted(config.tendons.right), _mounted(config.tendons.left)))
+    motors = SimulatedMotors(
+        world,
+        (_mounted(config.tendons.right, model), _mounted(config.tendons.left, model)),
+        baud=config.tendons.baud,
+        noise_counts=scene.motor_noise_counts,
+        seed=scene.seed,
+        faults=motor_faults,
+        start_ns=start_ns,
+    )
     period_s = world.physics_period_ns * 1e-9
     world.call_before_each_step(lambda now_ns: motors.control(now_ns, period_s))
     return Devices(world, SimulatedWam(world, parameters, zeroed=zeroed), motors)
 
 
-def _mounted(motor: TendonMotor) -> SimulatedMotorSettings:
-    return SimulatedMotorSettings(motor.id, motor.zero_ticks, motor.tightening_sign)
+def _mounted(motor: TendonMotor, model: MotorModel) -> SimulatedMotorSettings:
+    return SimulatedMotorSettings(motor.id, motor.zero_ticks, motor.tightening_sign, model)

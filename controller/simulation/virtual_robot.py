@@ -11,6 +11,7 @@ from typing import Any
 
 from controller.client import Client
 from controller.config import RobotConfig
+from controller.cycle.attentive_clock import AttentiveClock
 from controller.cycle.cycle import Cycle, CycleLinks
 from controller.service.assembly import configured_hand, cycle_parts, hand_settings, tendon_motors
 from controller.service.command_socket import MemoryCommandSocket, MemoryConnection
@@ -29,19 +30,22 @@ from drivers.errors import InputError, NoReplyError
 from drivers.simulated.can_faults import CanFaults
 from drivers.simulated.can_hub import MemoryCanBus, MemoryCanHub
 from drivers.simulated.faults import Fault, FaultScript
+from drivers.simulated.serial_fault_actions import SerialAction
 from drivers.simulated.serial_lines import MemoryLine
 from drivers.wam.safety_puck import Guard
 
 FRONT_PERIOD_S = 0.01
 LONGEST_START_S = 20.0
-RECORDS_WAITING = 16
+RECORDS_WAITING = 2000
+"""While the arm is started again the cycle runs ahead, up to some seconds."""
 
 
 class VirtualRobot:
     """Cycle, hand, front, devices and world of one installation and scene.
 
     `observe` is called with the world every `observe_period_s`, for a reporter. `faults`: a script of what goes wrong
-    with the arm and its bus, perhaps an empty one to which `add_fault` adds.
+    with the arm and its bus, perhaps an empty one to which `add_fault` adds. `motor_faults`: the same for the tendon
+    motors and their bus; `add_motor_fault` adds to it.
     """
 
     def __init__(
@@ -53,9 +57,10 @@ class VirtualRobot:
         observe: Callable[[World], None] | None = None,
         observe_period_s: float = 0.002,
         faults: FaultScript[Any] | None = None,
+        motor_faults: FaultScript[SerialAction] | None = None,
     ) -> None:
         hand = configured_hand(config)
-        self.devices: Devices = build_devices(config, hand, scene)
+        self.devices: Devices = build_devices(config, hand, scene, motor_faults=motor_faults)
         self.time = VirtualTime()
         self._observe = observe
         self._observe_period_ns = nanoseconds(observe_period_s)
@@ -70,8 +75,9 @@ class VirtualRobot:
         events = VirtualLink(clocks["cycle"], clocks["front"])
         records = VirtualLink(clocks["cycle"], clocks["front"], capacity=RECORDS_WAITING)
 
+        attentive = AttentiveClock(clocks["cycle"])
         self.cycle = Cycle(
-            clocks["cycle"],
+            attentive,
             CycleLinks(
                 OrderedReader(commands),
                 OrderedSender(events),
@@ -79,12 +85,14 @@ class VirtualRobot:
                 LatestReader(states),
                 LatestSender(set_points),
             ),
-            cycle_parts(config, MemoryCanBus(self._hub, clocks["cycle"]), clocks["cycle"]),
+            cycle_parts(config, MemoryCanBus(self._hub, attentive), attentive),
         )
         line = MemoryLine(self.devices.motors, clocks["hand"], config.tendons.baud)
         self.hand = HandPart(
             clocks["hand"],
-            TendonPair(WaitingPort(line, clocks["hand"]), clocks["hand"], tendon_motors(config)),
+            TendonPair(
+                WaitingPort(line, clocks["hand"], baud=config.tendons.baud), clocks["hand"], tendon_motors(config)
+            ),
             LatestReader(set_points),
             LatestSender(states),
             hand_settings(config),
@@ -122,6 +130,10 @@ class VirtualRobot:
         if self._faults is None:
             raise InputError("this robot was made without a fault script; expected one, which may be empty.")
         self._faults.add(fault, self.time.now_ns)
+
+    def add_motor_fault(self, fault: Fault[SerialAction]) -> None:
+        """Let something go wrong with the tendon motors or their bus, timed from now. InputError if it does not fit."""
+        self.devices.motors.faults.add(fault, self.time.now_ns)
 
     def run_for(self, duration_s: float) -> None:
         """Let virtual time pass."""

@@ -88,7 +88,7 @@ def _loop(
     def say(text: str) -> None:
         lifeline.say(Word.SAID, text)
 
-    loop = DeviceLoop(clock, devices.world.advance_to, (hub, pty), lambda: [*hub.filenos(), pty.fileno()], say)
+    loop = DeviceLoop(clock, devices.world.advance_to, (hub, pty), lambda: [*hub.filenos(), *pty.filenos()], say)
     lifeline.say(Word.READY)
     ending_ns = 0
     while True:

@@ -1,35 +1,36 @@
-"""Simulated tendon motors: protocol 2.0, byte for byte, in front of a plant that turns their shafts.
+"""Simulated tendon motors of any model, byte for byte, in front of a plant that turns their shafts.
 
-`SimulatedMotors` is a device on a line (`drivers.simulated.serial_lines`): bytes in, timed answers out. Its packer
-shares no code with dynamixel-sdk or the driver. Instructions: ping, read, write, reg write, action, reboot, sync and
-fast sync read, sync write, bulk read; others get an instruction error. Where documents are silent it does what they
-make likeliest: a request with a wrong CRC is answered with a CRC error by the motor it names; in a sync read each motor
-waits for the one before it, so that one silent motor silences those behind it.
+`SimulatedMotors` is a device on a line (`drivers.simulated.serial_lines`): bytes in, timed answers out. Its packers
+share no code with dynamixel-sdk or the driver. Each motor speaks its model's protocol (`dynamixel_protocol1.py`,
+`dynamixel_protocol2.py`); on a bus with both, each hears only its own. A motor does not understand a host at another
+baud rate. Motors with one id answer into each other. A fault script makes things go wrong.
 
-What agrees with the protocol's documents here was not seen on a motor. Source: dynamixel reference 4.2, 6.2, 6.3.
+What agrees with the protocols' documents here was not seen on a motor. Source: dynamixel reference 4, 6.2, 6.3.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 from drivers.dynamixel.control_tables import XM430_W350, MotorModel
 from drivers.errors import InputError
-from drivers.simulated import dynamixel_packets as packets
+from drivers.simulated.dynamixel_answer import Answer, collided
 from drivers.simulated.dynamixel_motor import SimulatedMotor
-from drivers.simulated.dynamixel_packets import BROADCAST, Packet, PacketReader
+from drivers.simulated.dynamixel_packets import BROADCAST, Packet
+from drivers.simulated.dynamixel_protocol1 import Protocol1
+from drivers.simulated.dynamixel_protocol2 import Protocol2
+from drivers.simulated.faults import FaultScript
+from drivers.simulated.serial_fault_actions import SerialAction
+from drivers.simulated.serial_faults import Adapter, SerialFaults
 
-FIRMWARE_ANSWER_NS = 50_000
-"""From the end of a request to the answer with Return Delay Time 0 (dynamixel reference 5.1)."""
 PARTIAL_PACKET_NS = 10_000_000
 """A packet that stops for longer than this in its middle is forgotten."""
-
-PING, READ, WRITE, REG_WRITE, ACTION, REBOOT = 0x01, 0x02, 0x03, 0x04, 0x05, 0x08
-SYNC_READ, SYNC_WRITE, FAST_SYNC_READ, BULK_READ = 0x82, 0x83, 0x8A, 0x92
-ERROR_INSTRUCTION, ERROR_CRC, ERROR_DATA_LENGTH = 2, 3, 5
+_BYTE_NS = 10_000.0
+"""At 1 Mbit/s, where nobody says at which rate the bytes came."""
 
 
 class TendonPlant(Protocol):
@@ -58,45 +59,78 @@ class SimulatedMotorSettings:
     direction: int = 1
     """+1: ticks grow with the shaft's angle; −1: mounted the other way round."""
     model: MotorModel = XM430_W350
+    firmware: int | None = None
+    """Without it, as delivered today."""
+    baud: int | None = None
+    """Without it, the bus's."""
 
     def __post_init__(self) -> None:
-        if not 0 <= self.motor_id <= 252 or self.direction not in (1, -1) or abs(self.ticks_at_zero_angle) > 1_000_000:
+        highest = 253 if self.model.protocol == 1 else 252
+        if (
+            not 0 <= self.motor_id <= highest
+            or self.direction not in (1, -1)
+            or abs(self.ticks_at_zero_angle) > 1_000_000
+        ):
             raise InputError(
-                f"{self} is not possible; expected an id in 0…252, direction 1 or -1, ticks within 1 000 000."
+                f"{self.model.name} {self.motor_id} at {self.ticks_at_zero_angle} ticks, direction {self.direction}, "
+                f"is not possible; expected an id in 0…{highest}, direction 1 or -1, ticks within 1 000 000."
             )
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """One packet of answer: it starts `delay_ns` after the bytes before it have left the wire."""
-
-    delay_ns: int
-    data: bytes
-
-
 class SimulatedMotors:
-    """All motors of one bus. `heard` keeps the newest intact requests, as they were on the wire."""
+    """All motors of one bus. `heard` keeps the newest intact requests, as they were on the wire.
 
-    def __init__(self, plant: TendonPlant, settings: Sequence[SimulatedMotorSettings]) -> None:
-        if not settings or len({s.motor_id for s in settings}) != len(settings):
+    `baud`: the rate they are set to. `noise_counts`: standard deviation of the effort that is read, drawn from `seed`.
+    `fast_reads` False: firmware without fast sync and bulk reads. `shared_ids`: let several have one id. InputError for
+    settings or faults that cannot be.
+    """
+
+    def __init__(
+        self,
+        plant: TendonPlant,
+        settings: Sequence[SimulatedMotorSettings],
+        *,
+        baud: int = 1_000_000,
+        supply_V: float = 12.0,
+        noise_counts: float = 0.0,
+        seed: int = 0,
+        fast_reads: bool = True,
+        shared_ids: bool = False,
+        faults: FaultScript[SerialAction] | None = None,
+        start_ns: int = 0,
+    ) -> None:
+        if not settings or (len({s.motor_id for s in settings}) != len(settings) and not shared_ids):
             raise InputError("simulated motors need at least one motor, each with its own id.")
+        if not (math.isfinite(supply_V) and 0.0 <= supply_V <= 30.0 and 0.0 <= noise_counts <= 1000.0):
+            raise InputError(
+                f"supply {supply_V} V, noise {noise_counts} counts; expected 0 to 30 V and 0 to 1000 counts."
+            )
         self.heard: deque[bytes] = deque(maxlen=256)
-        self.motors = [SimulatedMotor(s.motor_id, s.model) for s in settings]
+        self.motors = [
+            SimulatedMotor(
+                one.motor_id,
+                one.model,
+                baud=one.baud or baud,
+                firmware=one.firmware,
+                noise_counts=noise_counts,
+                seed=seed,
+            )
+            for one in settings
+        ]
         self._settings = tuple(settings)
         self._plant = plant
-        self._reader = PacketReader()
-        self._registered: dict[int, tuple[int, bytes]] = {}
+        self._protocols: dict[int, Protocol1 | Protocol2] = {1: Protocol1(), 2: Protocol2(fast_reads)}
         self._last_byte_ns = 0
-        self._last_instruction_ns = 0
         self._answers_to_drop = 0
-        self._handlers: dict[int, Callable[[Packet, int], list[Answer]]] = {
-            SYNC_READ: self._sync_read,
-            FAST_SYNC_READ: self._fast_sync_read,
-            BULK_READ: self._bulk_read,
-            SYNC_WRITE: self._sync_write,
-        }
-        for index in range(len(self.motors)):
-            self._control(index, 0, drive=False)
+        for index, motor in enumerate(self.motors):
+            motor.supply_V = supply_V
+            motor.measure(self._angle_rad(index))
+        self.faults = SerialFaults(faults or FaultScript(), self.motors, supply_V, start_ns)
+
+    @property
+    def adapter(self) -> Adapter:
+        """The host's end of the line, for the line."""
+        return self.faults.adapter
 
     def drop_answers(self, count: int) -> None:
         """Swallow the answers to the next `count` requests that would be answered."""
@@ -110,20 +144,20 @@ class SimulatedMotors:
 
     def control(self, now_ns: int, period_s: float) -> None:
         """One step of every motor's inner loop; the world calls it before each physics step of `period_s`."""
-        silence_ns = now_ns - self._last_instruction_ns
+        self.faults.advance(now_ns)
+        plant = self._plant
         for index, motor in enumerate(self.motors):
             watchdog_ns = motor.watchdog_ns
-            if watchdog_ns and silence_ns > watchdog_ns:
+            if watchdog_ns and now_ns - motor.last_instruction_ns > watchdog_ns:
                 motor.trip_watchdog()
-            self._control(index, now_ns, drive=True)
+            sign = self._settings[index].direction
+            torque_Nm = motor.control(now_ns, self._angle_rad(index), sign * plant.shaft_velocity_rad_s(index))
+            plant.set_shaft_torque_Nm(index, sign * torque_Nm)
 
-    def _control(self, index: int, now_ns: int, drive: bool) -> None:
+    def _angle_rad(self, index: int) -> float:
         settings, motor = self._settings[index], self.motors[index]
-        sign = settings.direction
-        angle_rad = sign * self._plant.shaft_angle_rad(index) + settings.ticks_at_zero_angle * motor.model.tick_rad
-        torque_Nm = motor.control(now_ns, angle_rad, sign * self._plant.shaft_velocity_rad_s(index))
-        if drive:
-            self._plant.set_shaft_torque_Nm(index, sign * torque_Nm)
+        shaft_rad = self._plant.shaft_angle_rad(index)
+        return settings.direction * shaft_rad + settings.ticks_at_zero_angle * motor.model.tick_rad
 
     # the host's side
 
@@ -131,124 +165,32 @@ class SimulatedMotors:
         """All bytes that these bytes are answered with."""
         return b"".join(answer.data for answer in self.answers(data, now_ns))
 
-    def answers(self, data: bytes, now_ns: int) -> list[Answer]:
-        """The packets that these bytes are answered with, with their delays."""
+    def answers(self, data: bytes, now_ns: int, baud: int | None = None) -> list[Answer]:
+        """The packets that these bytes are answered with, and their delays. `baud`: the rate they come at, if known."""
+        self.faults.advance(now_ns)
         if now_ns - self._last_byte_ns > PARTIAL_PACKET_NS:
-            self._reader.clear()
+            for protocol in self._protocols.values():
+                protocol.reader.clear()
         self._last_byte_ns = now_ns
         answers: list[Answer] = []
-        for packet in self._reader.feed(data):
-            if packet.intact:
-                self.heard.append(packet.wire)
-                self._last_instruction_ns = now_ns
-            reply = self._execute(packet, now_ns)
-            if reply and self._answers_to_drop > 0:
-                self._answers_to_drop -= 1
-                continue
-            answers += reply
+        for number in sorted({motor.protocol for motor in self.motors}):
+            for packet in self._protocols[number].reader.feed(data):
+                answers += self._answers_to(packet, number, now_ns, baud)
         return answers
 
-    def _execute(self, packet: Packet, now_ns: int) -> list[Answer]:
-        if packet.instruction in self._handlers:
-            broadcast = packet.packet_id == BROADCAST and packet.intact
-            return self._handlers[packet.instruction](packet, now_ns) if broadcast else []
-        replies = []
-        for motor in self.motors:
-            if packet.packet_id in (motor.motor_id, BROADCAST) and now_ns >= motor.silent_until_ns:
-                reply = self._execute_one(motor, packet, now_ns)
-                if reply is not None and (packet.packet_id != BROADCAST or packet.instruction == PING):
-                    replies.append(reply)
-        return replies
-
-    def _execute_one(self, motor: SimulatedMotor, packet: Packet, now_ns: int) -> Answer | None:
-        level, motor_id = motor.value("status_return_level"), motor.motor_id
-        parameters, instruction = packet.parameters, packet.instruction
-        if not packet.intact:
-            return self._status(motor, ERROR_CRC) if level == 2 else None
-        if instruction == PING:
-            _, model_number = motor.read(0, 2)
-            return self._status(motor, 0, model_number + motor.read(6, 1)[1])
-        if instruction == READ:
-            if len(parameters) != 4:
-                return self._status(motor, ERROR_DATA_LENGTH) if level else None
-            error, data = motor.read(*_address_and_length(parameters))
-            return self._status(motor, error, data) if level else None
-        error = 0
-        if instruction in (WRITE, REG_WRITE):
-            if len(parameters) < 3:
-                error = ERROR_DATA_LENGTH
-            elif instruction == WRITE:
-                error = motor.write(int.from_bytes(parameters[:2], "little"), parameters[2:])
-            else:
-                self._registered[motor_id] = (int.from_bytes(parameters[:2], "little"), parameters[2:])
-        elif instruction == ACTION:
-            if motor_id in self._registered:
-                error = motor.write(*self._registered.pop(motor_id))
-        elif instruction == REBOOT:
-            self._registered.pop(motor_id, None)
-            answer = self._status(motor, 0)  # sent before it goes down, alert and all
-            motor.reboot(now_ns)
-            return answer if level == 2 else None
-        else:
-            error = ERROR_INSTRUCTION
-        return self._status(motor, error) if motor.value("status_return_level") == 2 else None
-
-    def _status(self, motor: SimulatedMotor, error: int, data: bytes = b"") -> Answer:
-        return Answer(_delay_ns(motor), packets.pack_status(motor.motor_id, motor.alert | error, data))
-
-    def _chain(self, requests: list[tuple[int, int, int]], now_ns: int) -> list[tuple[SimulatedMotor, int, bytes]]:
-        """Motors that answer a group read of (id, address, length), in order, up to the first silent one."""
-        by_id = {motor.motor_id: motor for motor in self.motors if now_ns >= motor.silent_until_ns}
-        chain = []
-        for motor_id, address, length in requests:
-            motor = by_id.get(motor_id)
-            if motor is None or motor.value("status_return_level") == 0:
-                break
-            chain.append((motor, *motor.read(address, length)))
-        return chain
-
-    def _sync_read(self, packet: Packet, now_ns: int) -> list[Answer]:
-        if len(packet.parameters) < 5:
+    def _answers_to(self, packet: Packet, protocol: int, now_ns: int, baud: int | None) -> list[Answer]:
+        hearing = [motor for motor in self.motors if motor.protocol == protocol and motor.hears(now_ns, baud)]
+        heard = self.faults.request(packet, now_ns)
+        if not hearing or heard is None:
             return []
-        address, length = _address_and_length(packet.parameters[:4])
-        chain = self._chain([(motor_id, address, length) for motor_id in packet.parameters[4:]], now_ns)
-        return [self._status(motor, error, data) for motor, error, data in chain]
-
-    def _fast_sync_read(self, packet: Packet, now_ns: int) -> list[Answer]:
-        if len(packet.parameters) < 5:
+        if heard.intact:
+            self.heard.append(heard.wire)
+            for motor in hearing:
+                motor.last_instruction_ns = now_ns
+        answers = self._protocols[protocol].execute(heard, hearing, now_ns)
+        if len(answers) > 1 and heard.packet_id != BROADCAST:
+            answers = collided(answers, _BYTE_NS if baud is None else 1e10 / baud)
+        if answers and self._answers_to_drop > 0:
+            self._answers_to_drop -= 1
             return []
-        address, length = _address_and_length(packet.parameters[:4])
-        motor_ids = packet.parameters[4:]
-        chain = self._chain([(motor_id, address, length) for motor_id in motor_ids], now_ns)
-        if not chain or len(chain) < len(motor_ids):
-            return []  # the packet could not be completed
-        parts = [(motor.alert | error, motor.motor_id, data.ljust(length, b"\0")) for motor, error, data in chain]
-        return [Answer(sum(_delay_ns(motor) for motor, _, _ in chain), packets.pack_fast_status(parts))]
-
-    def _bulk_read(self, packet: Packet, now_ns: int) -> list[Answer]:
-        parameters = packet.parameters
-        if len(parameters) % 5:
-            return []
-        requests = [
-            (parameters[i], *_address_and_length(parameters[i + 1 : i + 5])) for i in range(0, len(parameters), 5)
-        ]
-        return [self._status(motor, error, data) for motor, error, data in self._chain(requests, now_ns)]
-
-    def _sync_write(self, packet: Packet, now_ns: int) -> list[Answer]:
-        if len(packet.parameters) >= 4:
-            address, length = _address_and_length(packet.parameters[:4])
-            body = packet.parameters[4:]
-            if length and len(body) % (1 + length) == 0:
-                content = {body[i]: body[i + 1 : i + 1 + length] for i in range(0, len(body), 1 + length)}
-                for motor in self.motors:
-                    if motor.motor_id in content and now_ns >= motor.silent_until_ns:
-                        motor.write(address, content[motor.motor_id])  # a refusal is silent
-        return []
-
-
-def _address_and_length(parameters: bytes) -> tuple[int, int]:
-    return int.from_bytes(parameters[:2], "little"), int.from_bytes(parameters[2:4], "little")
-
-
-def _delay_ns(motor: SimulatedMotor) -> int:
-    return FIRMWARE_ANSWER_NS + round(motor.value("return_delay_time") * motor.model.return_delay_unit_s * 1e9)
+        return self.faults.answers(answers, heard, now_ns)

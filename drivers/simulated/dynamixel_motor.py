@@ -1,55 +1,89 @@
-"""One simulated XM430: its control table, and the inner loop from goals to shaft torque.
+"""One simulated motor of any model: its control table, what it goes through, and torque for its gear.
 
-Inner loop, at every physics step (dynamixel reference 2.3, 3.1):
-
-    PWM counts = P gain / 128 × position error in ticks   (modes 3, 4, 5; P part only: other gains have no effect)
-    voltage    = PWM / 885 × 12 V                         (PWM within Goal PWM and PWM Limit)
-    current    = (voltage − k_e × shaft speed) / R        (R = 12 V / 2.3 A; inductance left out: below 1 ms)
-    current    within ± Goal Current (mode 5); in mode 0 the current is the goal, as far as the voltage reaches
-    torque     = K × current                              (the gear's friction, ± K × 0.13 A, belongs to the plant)
-
-k_e makes the no-load speed 46 rpm at 12 V against that friction. What the host reads is quantised: position to ticks
-(floor), speed to 0.229 rpm, current to 2.69 mA. Positive = counter-clockwise, like the registers.
+What the host reads is quantised: position to ticks (floor), speed, current or load to the model's units, with noise on
+the effort if there is any. Load is the motor's own output (dynamixel reference 2.4). Hardware errors, restarts and the
+watchdog: reference 6.2, 6.3. Positive = counter-clockwise, like the registers. Loop: `dynamixel_drive.py`.
 """
 
 from __future__ import annotations
 
 import math
+import random
 
-from drivers.dynamixel.control_tables import EEPROM_END, XM430_W350, MotorModel, Register
+from drivers.dynamixel.control_tables import XM430_W350, MotorModel, Register
+from drivers.errors import InputError
+from drivers.simulated.dynamixel_drive import Drive, InnerLoop, Order
+from drivers.simulated.dynamixel_electrics import electrics_of
+from drivers.simulated.dynamixel_orders import (
+    POSITION_MODE,
+    REVERSE,
+    TIME_BASED,
+    TORQUE_BY_GOAL,
+    is_multi_turn,
+    order_of_protocol_1,
+    order_of_protocol_2,
+    time_based_profile,
+)
+from drivers.simulated.dynamixel_rules import LIMIT_OF, refusal
+from drivers.simulated.dynamixel_stress import MotorStress
+from drivers.simulated.dynamixel_table import ControlTable, Refusal
 
-TORQUE_CONSTANT_NM_PER_A = 1.79
-FRICTION_CURRENT_A = 0.13
 REBOOT_NS = 300_000_000
-
-ERROR_NONE, ERROR_DATA_RANGE, ERROR_DATA_LENGTH, ERROR_DATA_LIMIT, ERROR_ACCESS = 0, 4, 5, 6, 7
-
-CURRENT_MODE, POSITION_MODE, EXTENDED_MODE, CURRENT_BASED_POSITION, PWM_MODE = 0, 3, 4, 5, 16
-MODES = (CURRENT_MODE, POSITION_MODE, EXTENDED_MODE, CURRENT_BASED_POSITION, PWM_MODE)
-"""Modes that are simulated; velocity mode is refused with a data range error."""
-
-_GOALS = ("goal_pwm", "goal_current", "goal_velocity", "goal_position")
-_LIMIT_OF = {"goal_pwm": "pwm_limit", "goal_current": "current_limit", "goal_velocity": "velocity_limit"}
+BROWN_OUT_V = 5.5
+"""Below, a motor is off and starts anew afterwards [assumed]."""
+RATE_TOLERANCE = 0.03
+"""Two ends of a serial line understand each other within this."""
+VOLTAGE, OVERHEATING, OVERLOAD = 0x01, 0x04, 0x20
+_CHECK_S = 0.01
+_LONGEST_STEP_S = 1.0
 
 
 class SimulatedMotor:
-    """Registers and inner loop of one motor."""
+    """Registers and inner loop of one motor. `noise_counts`: standard deviation of the effort that the host reads.
 
-    def __init__(self, motor_id: int, model: MotorModel = XM430_W350) -> None:
+    InputError for a baud rate that the model does not have.
+    """
+
+    def __init__(
+        self,
+        motor_id: int,
+        model: MotorModel = XM430_W350,
+        *,
+        baud: int = 1_000_000,
+        firmware: int | None = None,
+        noise_counts: float = 0.0,
+        seed: int = 0,
+    ) -> None:
         self.model = model
-        self._values = {name: register.default for name, register in model.registers.items()}
+        self.electrics = electrics_of(model)
+        self.supply_V = 12.0
+        self.stress = MotorStress(self.electrics.stall_current_A, model.no_load_speed_rad_s)
+        self.silent_until_ns = -1
+        self.mute = False
+        """It hears and obeys, and does not answer."""
+        self.cut_off = False
+        """Its plug is out: no supply, no bus."""
+        self.last_instruction_ns = 0
+        self.current_A = 0.0
+        self.events: list[str] = []
+        """What happened since somebody last looked: names that fault scripts can wait for."""
+        self._table = ControlTable(model)
+        self._values = self._table.values
         self._values["id"] = motor_id
-        self._registers_by_address = sorted(model.registers.values(), key=lambda register: register.address)
-        self._table_end = max(r.address + r.size for r in self._registers_by_address)
-        self._resistance_ohm = model.nominal_voltage_V / model.stall_current_A
-        self._back_emf_V_s = (
-            model.nominal_voltage_V - self._resistance_ohm * FRICTION_CURRENT_A
-        ) / model.no_load_speed_rad_s
+        self._values["baud_rate"] = _baud_code(model, baud)
+        if firmware is not None:
+            self._values["firmware"] = firmware
+        self._loop = InnerLoop(self.electrics, float(model.full_pwm))
+        self._noise_counts = noise_counts
+        self._random = random.Random(f"{seed}/{motor_id}")
         self._angle_rad = 0.0
         self._turn_offset_ticks = 0
+        self._encoder_jump_ticks = 0
         self._held_ticks: int | None = None
-        self.silent_until_ns = -1
-        self.current_A = 0.0
+        self._timed: tuple[float, float] | None = None
+        self._alarms = 0
+        self._last_ns: int | None = None
+        self._unchecked_s = 0.0
         self._prepare()
 
     @property
@@ -58,176 +92,309 @@ class SimulatedMotor:
         return self._values["id"]
 
     @property
+    def protocol(self) -> int:
+        """The protocol that it listens to now: a motor of protocol 2.0 can be switched to 1.0."""
+        return self._values.get("protocol_type", self.model.protocol)
+
+    @property
     def alert(self) -> int:
-        """0x80 while a hardware error is reported, else 0: the top bit of every status."""
-        return 0x80 if self._values["hardware_error_status"] else 0
+        """Protocol 2.0: 0x80 while a hardware error is reported, else 0: the top bit of every status."""
+        return 0x80 if self._values.get("hardware_error_status", 0) else 0
+
+    @property
+    def alarms(self) -> int:
+        """What protocol 1.0's error byte tells of the motor's state."""
+        return self._alarms if self.model.protocol == 1 else self._values["hardware_error_status"] & 0x7F
+
+    @property
+    def powered(self) -> bool:
+        """Whether it has a supply that it can run on."""
+        return self.supply_V >= BROWN_OUT_V and not self.cut_off
+
+    def hears(self, now_ns: int, baud: int | None) -> bool:
+        """Whether it is up and understands bytes at this rate (None: at any)."""
+        if now_ns < self.silent_until_ns or not self.powered:
+            return False
+        own = self.model.bauds.get(self._values["baud_rate"], 2_000_000 / (self._values["baud_rate"] + 1))
+        return baud is None or abs(baud - own) <= RATE_TOLERANCE * own
 
     def value(self, name: str) -> int:
         """A register's value, for tests and reports."""
         return self._values[name]
 
+    def put(self, name: str, value: int) -> None:
+        """Have another value all at once, read-only registers too: a fault. InputError for an unknown name or range."""
+        register = self.model.registers.get(name)
+        if register is None or not register.minimum <= value <= register.maximum:
+            raise InputError(f"a {self.model.name} has no register {name!r} that can be {value}.")
+        self._values[name] = value
+        self._prepare()
+
     # the host's side
 
     def read(self, address: int, length: int) -> tuple[int, bytes]:
-        """Error number and data; addresses between registers read 0."""
-        if length == 0 or address + length > self._table_end:
-            return ERROR_ACCESS, b""
-        image = bytearray(length)
-        found = False
-        for register in self._registers_by_address:
-            if register.address < address + length and address < register.address + register.size:
-                found = True
-                data = self._values[register.name] & ((1 << 8 * register.size) - 1)
-                for index, byte in enumerate(data.to_bytes(register.size, "little"), register.address - address):
-                    if 0 <= index < length:
-                        image[index] = byte
-        return (ERROR_NONE, bytes(image)) if found else (ERROR_ACCESS, b"")
+        """Error number of protocol 2.0 and data; addresses between registers read 0."""
+        return self._table.read(address, length)
 
     def write(self, address: int, data: bytes) -> int:
         """Write whole registers; the error number. Nothing is written unless all of it is acceptable."""
-        changes: list[tuple[Register, int]] = []
-        position = address
-        while position < address + len(data):
-            register = next((r for r in self._registers_by_address if r.address == position), None)
-            if register is None or not register.writable:
-                return ERROR_ACCESS
-            if register.address < EEPROM_END and self._values["torque_enable"]:
-                return ERROR_ACCESS
-            content = data[position - address : position - address + register.size]
-            if len(content) < register.size:
-                return ERROR_DATA_LENGTH
-            value = register.decode(content)
-            if error := self._refusal(register, value):
-                return error
-            changes.append((register, value))
-            position += register.size
-        if not changes:
-            return ERROR_DATA_LENGTH
+        error, changes = self._table.changes(address, data)
+        if error:
+            return error
         for register, value in changes:
-            self._set(register.name, value)
+            if error := refusal(self.model, self._values, register, value):
+                return error
+        for register, value in changes:
+            self._set(register, value)
         self._prepare()
-        return ERROR_NONE
+        return Refusal.NONE
+
+    def power_up(self) -> None:
+        """As after switching on: RAM as delivered, the goal here, position within one turn, no error, no torque."""
+        values, eeprom_end = self._values, self.model.eeprom_end
+        for register in self.model.registers.values():
+            if register.address >= eeprom_end:
+                values[register.name] = register.default
+        for goal, limit in LIMIT_OF.items():
+            if goal in values and goal != "goal_velocity":
+                values[goal] = values[limit]
+        if "max_torque" in values:
+            values["torque_limit"] = values["max_torque"]
+        if "startup_configuration" in values:
+            values["torque_enable"] = values["startup_configuration"] & 1
+        self._to_one_turn()
+        self._held_ticks = self._timed = None
+        self._alarms = 0
+        self.stress.forget_overload()
+        self._measure(self._angle_rad, 0.0)
+        self._check_alarms()
+        values["goal_position"] = self._clipped_goal()
+        self._loop.reset(self._loop_ticks())
+        self._prepare()
 
     def reboot(self, now_ns: int) -> None:
-        """Lose all RAM, reduce the position to one turn, answer again after 0.3 s."""
-        for register in self._registers_by_address:
-            if register.address >= EEPROM_END:
-                self._values[register.name] = register.default
-        for goal, limit in _LIMIT_OF.items():
-            self._values[goal] = 0 if goal == "goal_velocity" else self._values[limit]
-        self._turn_offset_ticks = -(self._raw_ticks() // self.model.ticks_per_revolution) * (
-            self.model.ticks_per_revolution
-        )
-        self._held_ticks = None
+        """Start anew; it answers again after 0.3 s."""
+        self.power_up()
         self.silent_until_ns = now_ns + REBOOT_NS
+        self.events.append("rebooted")
+
+    def factory_reset(self, now_ns: int, keep: tuple[str, ...] = ()) -> bool:
+        """All registers as delivered but those to `keep`, then a restart. False, nothing done, while torque is on."""
+        if self._values["torque_enable"]:
+            return False
+        fixed = ("model_number", "model_information", "firmware", *keep)
+        for name, register in self.model.registers.items():
+            if name not in fixed:
+                self._values[name] = register.default
+        self.reboot(now_ns)
+        return True
+
+    def clear_turns(self) -> bool:
+        """Reduce the position to one turn; False, and nothing done, while the shaft turns."""
+        if self._values["moving"]:
+            return False
+        self._to_one_turn()
         self._measure(self._angle_rad, 0.0)
-        self._values["goal_position"] = self._values["present_position"]
-        self._prepare()
+        return True
 
     def trip(self, error_bits: int) -> None:
-        """A hardware error: alert from now on, and torque off where the Shutdown mask says so, until a reboot."""
-        self._values["hardware_error_status"] |= error_bits
-        if error_bits & self._values["shutdown"]:
-            self._values["torque_enable"] = 0
+        """A hardware error: told from now on, and no torque where the Shutdown mask says so."""
+        values = self._values
+        shuts = bool(error_bits & values["shutdown"])
+        if self.model.protocol == 2:
+            values["hardware_error_status"] |= error_bits
+            if shuts:
+                values["torque_enable"] = 0
+        else:
+            self._alarms |= error_bits
+            if shuts:
+                values["torque_limit"] = 0
+        if shuts:
+            self.events.append("shutdown")
         self._prepare()
 
     def trip_watchdog(self) -> None:
         """The bus was silent too long: stop, hold here, take no goals until the watchdog is written 0."""
         self._values["bus_watchdog"] = -1
         self._held_ticks = self._values["present_position"]
+        self.events.append("watchdog")
         self._prepare()
 
     @property
     def watchdog_ns(self) -> int:
         """Longest bus silence while torque is on, ns; 0 = does not matter."""
-        steps = self._values["bus_watchdog"]
-        active = steps > 0 and self._values["torque_enable"]
-        return round(steps * self.model.watchdog_unit_s * 1e9) if active else 0
+        steps = self._values.get("bus_watchdog", 0)
+        return round(steps * self.model.watchdog_unit_s * 1e9) if steps > 0 and self._values["torque_enable"] else 0
 
     # the plant's side
 
+    def measure(self, angle_rad: float) -> None:
+        """The shaft stands here when all begins; the registers are as after switching on, but no turn is lost."""
+        self._measure(angle_rad, 0.0)
+        self._values["present_input_voltage"] = round(self.supply_V / self.model.voltage_unit_V)
+        self._values["goal_position"] = self._clipped_goal()
+
+    def jump(self, ticks: int) -> None:
+        """The encoder is off by this much from now on."""
+        self._encoder_jump_ticks += ticks
+
     def control(self, now_ns: int, angle_rad: float, velocity_rad_s: float) -> float:
         """Measure, close the inner loop; torque on the gear's output, N·m."""
-        self._measure(angle_rad, velocity_rad_s)
-        values = self._values
-        values["realtime_tick"] = now_ns // 1_000_000 % 32768
-        if not self._torque_on:
-            self.current_A = 0.0
-            values["present_current"] = values["present_pwm"] = 0
-            return 0.0
-        back_emf_V = self._back_emf_V_s * velocity_rad_s
-        if self._mode == CURRENT_MODE:
-            wanted_A = 0.0 if self._held_ticks is not None else self._goal_current_A
-            pwm = (wanted_A * self._resistance_ohm + back_emf_V) / self._volt_per_pwm
-        elif self._mode == PWM_MODE:
-            pwm = 0.0 if self._held_ticks is not None else float(values["goal_pwm"])
+        period_s = 0.0 if self._last_ns is None else min(_LONGEST_STEP_S, (now_ns - self._last_ns) * 1e-9)
+        self._last_ns = now_ns
+        values, sign = self._values, self._sign
+        shaft_rad_s = sign * velocity_rad_s
+        self._measure(sign * angle_rad, shaft_rad_s)
+        if "realtime_tick" in values:
+            values["realtime_tick"] = now_ns // 1_000_000 % 32768
+        order = self._order if self.powered else None
+        if order is None:
+            self.current_A = output = demand = 0.0
         else:
-            target = self._goal_ticks if self._held_ticks is None else self._held_ticks
-            pwm = self._pwm_per_tick * (target - values["present_position"])
-        pwm = max(-self._pwm_cap, min(self._pwm_cap, pwm))
-        current_A = (pwm * self._volt_per_pwm - back_emf_V) / self._resistance_ohm
-        if self._mode == CURRENT_BASED_POSITION:
-            clipped_A = max(-self._current_cap_A, min(self._current_cap_A, current_A))
-            if clipped_A != current_A:
-                current_A = clipped_A
-                pwm = (current_A * self._resistance_ohm + back_emf_V) / self._volt_per_pwm
-        self.current_A = current_A
-        values["present_current"] = round(current_A / self.model.current_unit_A)
-        values["present_pwm"] = round(pwm)
-        return TORQUE_CONSTANT_NM_PER_A * current_A
+            velocity_counts = shaft_rad_s / self.model.velocity_unit_rad_s
+            outcome = self._loop.step(order, self._loop_ticks(), velocity_counts, shaft_rad_s, self.supply_V, period_s)
+            self.current_A, output, demand = outcome.current_A, outcome.output, outcome.demand
+        self._tell_effort(output)
+        self.stress.step(period_s, self.current_A, demand, shaft_rad_s)
+        self._unchecked_s += period_s
+        if self._unchecked_s >= _CHECK_S:
+            self._unchecked_s = 0.0
+            self._check_alarms()
+        return sign * self.electrics.torque_constant_Nm_per_A * self.current_A if order is not None else 0.0
+
+    def _tell_effort(self, output: float) -> None:
+        values, model = self._values, self.model
+        if model.effort == "current":
+            effort = self.current_A / model.effort_unit
+        else:
+            effort = output / model.full_pwm / model.effort_unit
+        if self._noise_counts and self.powered:
+            effort += self._random.gauss(0.0, self._noise_counts)
+        register = model.registers[model.effort_register]
+        values[model.effort_register] = max(register.minimum, min(register.maximum, round(effort)))
+        if "present_pwm" in values:
+            values["present_pwm"] = round(output)
+            trajectory = self._loop.trajectory
+            positioned = self._order is not None and self._order.drive is Drive.POSITION
+            values["position_trajectory"] = round(trajectory.position) if positioned else values["present_position"]
+            values["velocity_trajectory"] = round(trajectory.velocity * model.tick_rad / model.velocity_unit_rad_s)
+
+    def _check_alarms(self) -> None:
+        """Voltage, temperature and overload against their limits."""
+        values, unit_V = self._values, self.model.voltage_unit_V
+        values["present_input_voltage"] = round(self.supply_V / unit_V)
+        values["present_temperature"] = max(0, math.floor(self.stress.temperature_C))
+        live = 0
+        if not values["min_voltage_limit"] <= values["present_input_voltage"] <= values["max_voltage_limit"]:
+            live |= VOLTAGE
+        if values["present_temperature"] > values["temperature_limit"]:
+            live |= OVERHEATING
+        if self.stress.overloaded:
+            live |= OVERLOAD
+        if self.model.protocol == 2:
+            new = live & ~values["hardware_error_status"]
+        else:
+            # alarms of protocol 1.0 end with their cause, but those that took the torque stay until it is given back
+            self._alarms = live | (self._alarms if values["torque_limit"] == 0 else 0)
+            new = live if values["torque_limit"] and live & values["shutdown"] else 0
+        if new:
+            self.trip(new)
 
     def _raw_ticks(self) -> int:
-        return math.floor(self._angle_rad / self.model.tick_rad)
+        return math.floor(self._angle_rad / self.model.tick_rad) + self._encoder_jump_ticks
+
+    def _position_ticks(self) -> int:
+        return self._raw_ticks() + self._turn_offset_ticks + self._values.get("homing_offset", 0)
+
+    def _loop_ticks(self) -> int:
+        """Position in which the loop is closed: what the host reads, but all ticks of a divided multi-turn position."""
+        if self.model.protocol == 1 and not is_multi_turn(self.model, self._values):
+            return self._values["present_position"]
+        return self._position_ticks()
+
+    def _to_one_turn(self) -> None:
+        turn = self.model.ticks_per_revolution
+        if "cw_compliance_slope" not in self._values:  # an RX-28's potentiometer knows no turns
+            self._turn_offset_ticks = -(self._raw_ticks() // turn) * turn
 
     def _measure(self, angle_rad: float, velocity_rad_s: float) -> None:
         self._angle_rad = angle_rad
-        values = self._values
-        values["present_position"] = self._raw_ticks() + self._turn_offset_ticks + values["homing_offset"]
-        values["present_velocity"] = velocity = round(velocity_rad_s / self.model.velocity_unit_rad_s)
-        values["moving"] = 1 if abs(velocity) > values["moving_threshold"] else 0
+        values, model = self._values, self.model
+        register = model.registers["present_position"]
+        position = self._position_ticks()
+        if model.protocol == 1:
+            if is_multi_turn(model, values):
+                position = position // values["resolution_divider"] + values["multi_turn_offset"]
+            elif "multi_turn_offset" in values:
+                position %= model.ticks_per_revolution
+        values["present_position"] = max(register.minimum, min(register.maximum, position))
+        velocity = round(velocity_rad_s / model.velocity_unit_rad_s)
+        register = model.registers["present_velocity"]
+        values["present_velocity"] = max(register.minimum, min(register.maximum, velocity))
+        values["moving"] = 1 if abs(velocity) > values.get("moving_threshold", 0) else 0
 
-    def _refusal(self, register: Register, value: int) -> int:
-        values = self._values
-        if not register.minimum <= value <= register.maximum:
-            return ERROR_DATA_RANGE
-        name = register.name
-        if name in _GOALS and values["bus_watchdog"] < 0:
-            return ERROR_DATA_RANGE
-        if name == "bus_watchdog" and (value < 0 or (value > 0 and values["bus_watchdog"] < 0)):
-            return ERROR_DATA_RANGE
-        if name == "operating_mode" and value not in MODES:
-            return ERROR_DATA_RANGE
-        if name == "torque_enable" and value and values["hardware_error_status"]:
-            return ERROR_ACCESS
-        if name in _LIMIT_OF and abs(value) > values[_LIMIT_OF[name]]:
-            return ERROR_DATA_LIMIT
-        if name == "goal_position" and values["operating_mode"] == POSITION_MODE:
-            inside = values["min_position_limit"] <= value <= values["max_position_limit"]
-            return ERROR_NONE if inside else ERROR_DATA_LIMIT
-        return ERROR_NONE
+    def _clipped_goal(self) -> int:
+        register = self.model.registers["goal_position"]
+        return max(register.minimum, min(register.maximum, self._values["present_position"]))
 
-    def _set(self, name: str, value: int) -> None:
-        values = self._values
-        values[name] = value
-        if name == "operating_mode":
+    def _set(self, register: Register, value: int) -> None:
+        values, name = self._values, register.name
+        before, values[name] = values[name], value
+        if name == "torque_enable":
+            self._torque_switched(before, value)
+        elif name == "goal_position":
+            self._goal_set(value)
+        elif name == "torque_limit" and value:
+            self._alarms = 0
+            self.stress.forget_overload()
+        elif name == "operating_mode":
             registers = self.model.registers
             for gain in ("velocity_i_gain", "velocity_p_gain", "position_d_gain", "position_i_gain", "position_p_gain"):
                 values[gain] = registers[gain].default
             values["profile_acceleration"] = values["profile_velocity"] = 0
-            values["goal_pwm"], values["goal_current"] = values["pwm_limit"], values["current_limit"]
+            values["goal_pwm"] = values["pwm_limit"]
+            if "goal_current" in values:
+                values["goal_current"] = values["current_limit"]
+            if value == POSITION_MODE and before != POSITION_MODE:
+                self._to_one_turn()
         elif name == "bus_watchdog" and value == 0:
             self._held_ticks = None
+
+    def _torque_switched(self, before: int, value: int) -> None:
+        if value == before:
+            return
+        self.events.append("torque_on" if value else "torque_off")
+        if value:
+            self._loop.reset(self._loop_ticks())
+
+    def _goal_set(self, goal: int) -> None:
+        values = self._values
+        self.events.append("goal")
+        by_goal = self.model.protocol == 1 or values["drive_mode"] & TORQUE_BY_GOAL
+        if by_goal and not values["torque_enable"] and not self.alert:
+            values["torque_enable"] = 1
+            self._torque_switched(0, 1)
+        if self.model.protocol == 2 and values["drive_mode"] & TIME_BASED:
+            start = self._loop.trajectory.position if values["torque_enable"] else values["present_position"]
+            self._timed = time_based_profile(values, goal - start)
+        else:
+            self._timed = None
 
     def _prepare(self) -> None:
         """Work out once per change what the inner loop needs at every step."""
         values, model = self._values, self.model
-        self._torque_on = bool(values["torque_enable"])
-        self._mode = values["operating_mode"]
-        self._goal_ticks = values["goal_position"]
-        self._goal_current_A = values["goal_current"] * model.current_unit_A
-        self._current_cap_A = abs(self._goal_current_A)
-        self._pwm_cap = float(min(abs(values["goal_pwm"]), values["pwm_limit"]))
-        self._pwm_per_tick = values["position_p_gain"] / model.position_gain_divisor
-        self._volt_per_pwm = model.nominal_voltage_V / model.full_pwm
-        # what the host sees of trajectories: profiles are 0, so the trajectory is the goal
-        values["position_trajectory"] = values["goal_position"]
+        self._sign = -1 if values.get("drive_mode", 0) & REVERSE else 1
+        self._order: Order | None = None
+        if model.protocol == 2:
+            if values["torque_enable"]:
+                self._order = order_of_protocol_2(model, values, self._held_ticks, self._timed)
+        elif values["torque_enable"] and values["torque_limit"]:
+            self._order = order_of_protocol_1(model, values)
+
+
+def _baud_code(model: MotorModel, baud: int) -> int:
+    for code, rate in model.bauds.items():
+        if abs(rate - baud) <= 0.01 * rate:
+            return code
+    known = ", ".join(str(rate) for rate in sorted(model.bauds.values()))
+    raise InputError(f"a {model.name} has no baud rate {baud}; expected one of {known}.")

@@ -366,6 +366,8 @@ def test_unmodified_sdk_is_a_client(served_port: str) -> None:
     port, handler = PortHandler(served_port), PacketHandler(2.0)
     assert port.openPort()
     assert port.setBaudRate(57600)  # closes and opens again: the pty must survive it
+    assert handler.ping(port, 1)[1] == -3001  # the motors are set to 1 Mbit/s
+    assert port.setBaudRate(1_000_000)
     assert handler.ping(port, 1) == (1020, 0, 0)
     assert handler.ping(port, 9)[1] == -3001
     for motor_id in (1, 2):
