@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 from drivers.dynamixel.bus import MotorBus, Status
 from drivers.dynamixel.control_tables import MotorModel
-from drivers.dynamixel.registers import INDIRECT_BLOCKS
+from drivers.dynamixel.registers import INDIRECT_BLOCKS, signed
 from drivers.errors import BusError, DeviceError
 
 EXCLUDE_AFTER = 3
@@ -37,14 +37,14 @@ class Block:
     address: int
     names: tuple[str, ...]
     layout: struct.Struct
-    sign_magnitude: tuple[bool, ...]
+    sign_magnitude: tuple[str, ...]
+    """Those of them whose bit 10 is the sign."""
 
     def decode(self, data: bytes) -> dict[str, int]:
         """Values by name, of exactly `layout.size` bytes."""
         values = dict(zip(self.names, self.layout.unpack(data), strict=True))
-        for name, signed in zip(self.names, self.sign_magnitude, strict=True):
-            if signed and values[name] & 0x400:
-                values[name] = -(values[name] & 0x3FF)
+        for name in self.sign_magnitude:
+            values[name] = signed(values[name])
         return values
 
 
@@ -54,11 +54,11 @@ def block_of(model: MotorModel, names: Sequence[str], mapped_to: int | None = No
     layout, end = "<", registers[0].address
     for register in registers:
         gap = 0 if mapped_to is not None else register.address - end
-        signed = register.minimum < 0 and not register.sign_magnitude
-        layout += "x" * gap + _FORMATS[register.size, signed]
+        twos_complement = register.minimum < 0 and not register.sign_magnitude
+        layout += "x" * gap + _FORMATS[register.size, twos_complement]
         end = register.address + register.size
     address = registers[0].address if mapped_to is None else mapped_to
-    return Block(address, tuple(names), struct.Struct(layout), tuple(r.sign_magnitude for r in registers))
+    return Block(address, tuple(names), struct.Struct(layout), tuple(r.name for r in registers if r.sign_magnitude))
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,12 @@ INDIRECT_BLOCKS = ((168, 224, 28), (578, 634, 28))
 """Indirect addresses of protocol 2.0: first address register (2 bytes each), first data byte, number."""
 
 
+def signed(raw: int) -> int:
+    """A sign-magnitude reading as a number; bits above the sign have no meaning."""
+    magnitude = raw & (SIGN_BIT - 1)
+    return -magnitude if raw & SIGN_BIT else magnitude
+
+
 @dataclass(frozen=True, slots=True)
 class Register:
     """One item of a control table."""
@@ -52,9 +58,7 @@ class Register:
         if len(data) != self.size:
             raise InputError(f"{self.name} has {self.size} bytes, got {len(data)}.")
         if self.sign_magnitude:
-            raw = int.from_bytes(data, "little")
-            magnitude = raw & (SIGN_BIT - 1)
-            return -magnitude if raw & SIGN_BIT else magnitude
+            return signed(int.from_bytes(data, "little"))
         return int.from_bytes(data, "little", signed=self.minimum < 0)
 
 

@@ -49,7 +49,7 @@ def test_inspection_writes_nothing(rig_of: RigOf, number: int, protocol: int) ->
 def test_torque_comes_last_at_the_present_position_and_under_a_small_ceiling(
     rig_of: RigOf, number: int, protocol: int
 ) -> None:
-    """Switched on, a motor neither moves nor pulls: ceiling, then goal (which switches protocol 1.0 on), then torque."""
+    """Switched on, a motor neither moves nor pulls: ceiling, then goal (it switches protocol 1.0 on), then torque."""
     motor, literal, _ = make(rig_of, number, protocol)
     goal, ceiling = motor.bring_up(motor.inspect())
     model = motor.model
