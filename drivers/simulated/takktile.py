@@ -1,0 +1,182 @@
+"""A simulated TakkTile bridge with its strips: what is asked of it and what it sends, byte for byte.
+
+Each cell feels a share of its finger's force; its raw words come from the inverse of the compensation, rounded and
+noisy, as a barometer's would. Frames are made at the timer's pace and wait in two buffers; when nobody drains them,
+sampling stands still. `request` and `take_frame` are behind a transport of `takktile_lines.py`. Source: TakkTile
+reference 2 to 4.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.clock import nanoseconds, seconds
+from drivers.takktile.bridge import CELL_READ_S
+from drivers.takktile.compensation import (
+    COUNTS_PER_KELVIN,
+    KPA_PER_COUNT,
+    LOWEST_KPA,
+    raw_pressure,
+    unpack_coefficients,
+)
+from drivers.takktile.frames import (
+    ROWS,
+    TIMER_TICK_S,
+    Cell,
+    Firmware,
+    RawCell,
+    Request,
+    pack_frame,
+    pack_scan,
+    requested_cell,
+)
+
+TYPICAL_COEFFICIENTS = bytes.fromhex("42A8B5C0BB603A10")
+COUNTS_PER_N = 100.0
+"""Of a force right above a cell, an order of magnitude (TakkTile reference 5)."""
+CELLS_PER_FINGER = 8
+_BUFFERS = 2
+_TEMPERATURE_AT_25 = 498.0
+
+
+class RequestStalled(Exception):  # noqa: N818 - the bus' own word for a refusal
+    """The bridge refuses a request."""
+
+
+@dataclass(frozen=True)
+class SimulatedCell:
+    """A barometer under rubber: it feels `counts_per_N` for each newton of its finger (0 right, 1 left)."""
+
+    cell: Cell
+    finger: int
+    counts_per_N: float = COUNTS_PER_N / CELLS_PER_FINGER
+    coefficients: bytes = TYPICAL_COEFFICIENTS
+    counts_per_K: float = 0.0
+    """Of trapped gas and rubber: what the chip's own compensation does not explain."""
+
+
+def two_fingers() -> tuple[SimulatedCell, ...]:
+    """Eight cells a finger, as two strips of five and three: rows 0 and 1 right, 2 and 3 left."""
+    places = [(row, column) for row, columns in enumerate((5, 3)) for column in range(columns)]
+    return tuple(SimulatedCell(Cell(2 * finger + row, column), finger) for finger in (0, 1) for row, column in places)
+
+
+class SimulatedTakktile:
+    """The bridge. `force_N()` gives the fingers' normal forces now, `temperature_C(time_s)` their temperature."""
+
+    def __init__(
+        self,
+        force_N: Callable[[], Sequence[float]],
+        cells: Sequence[SimulatedCell] | None = None,
+        *,
+        firmware: Firmware = Firmware.TAKKTILE_USB,
+        temperature_C: Callable[[float], float] = lambda _: 25.0,
+        ambient_kPa: float = 101.3,
+        noise_counts: float = 0.5,
+        seed: int = 0,
+    ) -> None:
+        self.cells = tuple(sorted(two_fingers() if cells is None else cells, key=lambda cell: cell.cell))
+        self.firmware = firmware
+        self.requests: list[tuple[int, int, int]] = []
+        """Everything that was asked: request, wValue, wIndex."""
+        self.unplugged = False
+        self._force_N = force_N
+        self._temperature_C = temperature_C
+        self._ambient_kPa = ambient_kPa
+        self._noise_counts = noise_counts
+        self._random = np.random.default_rng(seed)
+        self._coefficients = [unpack_coefficients(cell.coefficients, cell.cell) for cell in self.cells]
+        self._frames: deque[bytes] = deque()
+        self._period_ns = 0
+        self._due_ns = 0
+        self._start_ns: int | None = None
+        self._last: list[RawCell] = []
+        self._short_frames = 0
+        self._repeated_frames = 0
+
+    def inject_short_frames(self, count: int) -> None:
+        """The next `count` frames break off."""
+        self._short_frames = count
+
+    def inject_repeated_frames(self, count: int) -> None:
+        """The next `count` frames give the conversion before, as a bridge that does not wait for its cells does."""
+        self._repeated_frames = count
+
+    def request(self, request: int, value: int, index: int, length: int, now_ns: int) -> bytes:
+        """A vendor request's answer. Raises RequestStalled for what the firmware does not know."""
+        self.requests.append((request, value, index))
+        return self._answer(request, value, index, now_ns)[:length]
+
+    def _answer(self, request: int, value: int, index: int, now_ns: int) -> bytes:
+        if request == Request.VERSION:
+            return b"simulated hardware" if index == 0 else f"simulated {self.firmware.value}".encode()
+        if request == Request.SCAN:
+            return pack_scan(self.firmware, [cell.cell for cell in self.cells])
+        if request == Request.CALIBRATION:
+            wanted = requested_cell(self.firmware, value, index)
+            for cell in self.cells:
+                if cell.cell == wanted:
+                    return cell.coefficients
+            return bytes(len(TYPICAL_COEFFICIENTS))
+        if request == Request.ACKNOWLEDGED:
+            rows = {cell.cell.row for cell in self.cells}
+            return bytes([(index >> 4) in rows and index >> 4 < ROWS])
+        if request == Request.SAMPLING:
+            self._period_ns = nanoseconds(value * TIMER_TICK_S + CELL_READ_S * len(self.cells)) if index else 0
+            self._due_ns = now_ns + self._period_ns
+            return bytes([index != 0])
+        raise RequestStalled(f"request 0x{request:02X}")
+
+    def next_frame_ns(self) -> int | None:
+        """When a frame can be fetched, possibly past; None while nothing is sampled."""
+        if self._frames:
+            return self._due_ns - self._period_ns
+        return self._due_ns if self._period_ns else None
+
+    def advance_to(self, now_ns: int) -> None:
+        """Sample what is due by `now_ns`; what the physics does not give for the past is sampled now."""
+        while self._period_ns and self._due_ns <= now_ns and len(self._frames) < _BUFFERS:
+            self._frames.append(self._sample(self._due_ns))
+            self._due_ns += self._period_ns
+        if len(self._frames) == _BUFFERS:  # it stands still until it is drained
+            self._due_ns = max(self._due_ns, now_ns)
+
+    def take_frame(self, now_ns: int) -> bytes | None:
+        """The oldest frame that is ready."""
+        self.advance_to(now_ns)
+        return self._frames.popleft() if self._frames else None
+
+    def _sample(self, now_ns: int) -> bytes:
+        self._start_ns = now_ns if self._start_ns is None else self._start_ns
+        if self._repeated_frames and self._last:
+            self._repeated_frames -= 1
+        else:
+            self._last = self._readings(self._temperature_C(seconds(now_ns - self._start_ns)))
+        frame = pack_frame(self.firmware, [cell.cell for cell in self.cells], self._last)
+        if self._short_frames:
+            self._short_frames -= 1
+            return frame[: len(frame) // 2]
+        return frame
+
+    def _readings(self, temperature_C: float) -> list[RawCell]:
+        force_N = self._force_N()
+        noise = self._noise_counts * self._random.standard_normal((len(self.cells), 2))
+        readings = []
+        for cell, coefficients, (noise_pressure, noise_temperature) in zip(
+            self.cells, self._coefficients, noise.tolist(), strict=True
+        ):
+            temperature = _count(_TEMPERATURE_AT_25 + COUNTS_PER_KELVIN * (temperature_C - 25.0) + noise_temperature)
+            counts = (self._ambient_kPa - LOWEST_KPA) / KPA_PER_COUNT
+            counts += cell.counts_per_N * force_N[cell.finger] + cell.counts_per_K * (temperature_C - 25.0)
+            # What the converter sees does not know the temperature word's own noise.
+            pressure = raw_pressure(coefficients, counts, temperature - noise_temperature)
+            readings.append(RawCell(_count(pressure + noise_pressure), temperature))
+        return readings
+
+
+def _count(value: float) -> int:
+    return min(max(round(value), 0), 1023)
