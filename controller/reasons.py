@@ -6,6 +6,32 @@ from typing import Final, NamedTuple
 
 from controller.messages import Reason
 from drivers.errors import CommandError
+from drivers.wam.fault_table import ARM_FAULTS, ArmFault
+
+ARM_REASONS: Final[dict[ArmFault, Reason]] = {
+    ArmFault.ESTOP: Reason.ARM_ESTOP,
+    ArmFault.ARM_IDLED: Reason.ARM_IDLED,
+    ArmFault.VELOCITY: Reason.ARM_VELOCITY,
+    ArmFault.TORQUE: Reason.ARM_TORQUE,
+    ArmFault.VOLTAGE: Reason.ARM_VOLTAGE,
+    ArmFault.HEARTBEAT: Reason.ARM_HEARTBEAT,
+    ArmFault.SAFETY_SILENT: Reason.SAFETY_SILENT,
+    ArmFault.ARM_SILENT: Reason.ARM_SILENT,
+    ArmFault.PUCK_RESET: Reason.PUCK_RESET,
+    ArmFault.ZERO_LOST: Reason.ZERO_LOST,
+    ArmFault.POSITION_JUMP: Reason.POSITION_JUMP,
+    ArmFault.MOTOR_IDLE: Reason.MOTOR_IDLE,
+    ArmFault.MODE_RAISED: Reason.MODE_RAISED,
+    ArmFault.FOREIGN_TORQUE: Reason.FOREIGN_TORQUE,
+    ArmFault.STALE_FLOOD: Reason.STALE_FLOOD,
+    ArmFault.MALFORMED_FLOOD: Reason.MALFORMED_FLOOD,
+    ArmFault.ERROR_FRAMES: Reason.BUS_ERRORS,
+    ArmFault.BUS_OFF: Reason.BUS_OFF,
+    ArmFault.QUEUE_FULL: Reason.QUEUE_FULL,
+    ArmFault.ADAPTER_GONE: Reason.ADAPTER_GONE,
+    ArmFault.BUS_FAILED: Reason.BUS_FAILED,
+}
+"""What the cycle and its clients call each fault of the arm."""
 
 
 class Explanation(NamedTuple):
@@ -59,16 +85,6 @@ EXPLANATIONS: Final[dict[Reason, Explanation]] = {
     ),
     Reason.TABLE_END_REACHED: Explanation(
         "table_end_reached", "The motion table's end came first; both tendons stopped.", "The excursion is reported."
-    ),
-    Reason.ARM_SILENT: Explanation(
-        "arm_silent",
-        "Position replies of the arm are missing; it was asked to go idle.",
-        "Check power, E-stop and the CAN bus; then `fault.clear`.",
-    ),
-    Reason.ARM_IDLED: Explanation(
-        "arm_idled",
-        "The arm went idle while an object was held.",
-        "The hand still holds. Activate the arm again, then `fault.clear`.",
     ),
     Reason.TRACKING_ERROR: Explanation(
         "tracking_error",
@@ -132,11 +148,16 @@ EXPLANATIONS: Final[dict[Reason, Explanation]] = {
         "A tendon motor was found holding in a mode that winds no tendon; it is left holding and takes no set-points.",
         "`hand.open`, or secure the object; then switch the motors off and restart the daemon.",
     ),
-    Reason.BUS_FAILED: Explanation(
-        "bus_failed",
-        "The CAN bus takes no frames. The pucks apply their last torque until the safety puck's heartbeat.",
-        "Keep clear of the arm; press E-stop; check the adapter.",
+    Reason.ARM_NOT_READY: Explanation(
+        "arm_not_ready",
+        "The arm could not be started again; the operator was told why.",
+        "Do what the message says, then send `fault.clear` again.",
     ),
+} | {
+    reason: Explanation(
+        fault.value, f"{ARM_FAULTS[fault].cause} {ARM_FAULTS[fault].arm_does}", ARM_FAULTS[fault].operator
+    )
+    for fault, reason in ARM_REASONS.items()
 }
 
 
@@ -144,3 +165,12 @@ def as_error(reason: Reason) -> CommandError:
     """The reason as the error of a refused or failed command."""
     explanation = EXPLANATIONS[reason]
     return CommandError(explanation.code, explanation.message, help=explanation.help)
+
+
+def named_values(reason: Reason, values: tuple[float, ...]) -> dict[str, float]:
+    """The values of a fault by name; nodes are written as the digits of a number."""
+    fault = _FAULTS.get(reason)
+    return dict(zip(ARM_FAULTS[fault].value_names, values, strict=False)) if fault is not None else {}
+
+
+_FAULTS: Final = {reason: fault for fault, reason in ARM_REASONS.items()}

@@ -1,15 +1,13 @@
 """The 2 ms cycle, top to bottom.
 
 What may be touched where: `orders.py` decides what a command does, `grasping.py` how the hand winds and where the
-object goes, `arm_motion.py` where the arm is commanded to be, `safety.py` what ends it all. Here they only take
-turns. Nothing in this file or below it logs, starts a thread, or waits for anything but the bus.
+object goes, `arm_motion.py` where the arm is commanded to be, `safety.py` and `arm_supervision.py` what ends it all.
+Here they only take turns. Nothing in this file or below it logs, starts a thread, or waits for anything but the bus.
 """
 
 from __future__ import annotations
 
-import contextlib
 import os
-import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -18,16 +16,17 @@ import numpy as np
 from calibration.motion_table import MotionTable
 from controller.cycle.arm_model import ArmModel
 from controller.cycle.arm_motion import ArmMotion
+from controller.cycle.arm_supervision import ArmSupervision, Found
+from controller.cycle.attentive_clock import AttentiveClock
 from controller.cycle.compensation import STILL, OffsetSmoother
+from controller.cycle.cycle_record import CycleRecorder
 from controller.cycle.grasp_state import ArmState
 from controller.cycle.grasping import Grasping, Outcome
 from controller.cycle.joint_control import JointControl
 from controller.cycle.orders import Orders
 from controller.cycle.pacer import Pacer
-from controller.cycle.planar_table import STATUS_NUMBERS
 from controller.cycle.safety import SafetyMonitor, governor
 from controller.messages import (
-    CYCLE_RECORD,
     CommandKind,
     CycleCommand,
     CycleEvent,
@@ -37,9 +36,10 @@ from controller.messages import (
 )
 from controller.service.links import LatestReader, LatestSender, OrderedReader, OrderedSender
 from drivers.clock import Clock, nanoseconds
-from drivers.errors import BusError, InputError, TableError
+from drivers.errors import BusError, TableError
 from drivers.wam.arm import Arm, ArmSample
 from drivers.wam.safety_puck import ArmMode
+from drivers.wam.startup import Operator
 
 _ARM_STATES = {
     ArmMode.OFFLINE: ArmState.OFFLINE,
@@ -47,11 +47,6 @@ _ARM_STATES = {
     ArmMode.IDLE: ArmState.IDLE,
     ArmMode.ACTIVE: ArmState.ACTIVE,
 }
-
-
-_NO_JOINTS = (0.0,) * 7
-_NO_READING = (0.0,) * 4
-_NO_HAND = (0.0,) * 4
 
 
 @dataclass(frozen=True)
@@ -71,7 +66,6 @@ class CycleSettings:
 
     period_s: float = 0.002
     reply_deadline_s: float = 0.0014  # from the request; seven replies take 0.61 to 0.68 ms on the wire
-    mode_poll_cycles: int = 25
     speed_limit_m_s: float = 0.06  # of the object in the hand, above which the governor slows winding down
     shutdown_idle_s: float = 0.6
 
@@ -95,9 +89,21 @@ class Cycle:
     """Runs one period a `step`."""
 
     def __init__(
-        self, clock: Clock, links: CycleLinks, parts: Parts, processor_time_ns: Callable[[], int] = lambda: 0
+        self,
+        clock: Clock,
+        links: CycleLinks,
+        parts: Parts,
+        processor_time_ns: Callable[[], int] = lambda: 0,
+        operator: Operator | None = None,
+        say: Callable[[str], None] = lambda _: None,
     ) -> None:
+        """`operator` hears prompts while the arm is started; `say` is for what else they should know.
+
+        Only with an `AttentiveClock`, which the arm's bus waits on too, does the rest go on while the arm is started
+        again after a fault.
+        """
         self._clock, self._links, self._parts = clock, links, parts
+        self._supervision = ArmSupervision(parts.arm, parts.safety.silent_cycles, operator, say)
         self._processor_time_ns = processor_time_ns
         self._settings = parts.settings
         self._reply_ns = nanoseconds(parts.settings.reply_deadline_s)
@@ -111,16 +117,22 @@ class Cycle:
         self._sample: ArmSample | None = None
         self._torque = np.zeros(7)
         self._governor = 1.0
-        self._pack_record = struct.Struct(f"<{CYCLE_RECORD.length}d").pack
-        self._cpu_us = 0.0
+        self._record = CycleRecorder(self, parts, links.records)
+        self.cpu_us = 0.0
+        """Processor time of the last period."""
         self._idle_deadline_ns: int | None = None
-        self._idle_asked = False
+        self._left_active = False
         self._outcomes: list[Outcome] = parts.grasping.outcomes
 
     def start(self) -> None:
         """Find the arm and read it once; then `step` every period. Raises DeviceError."""
-        self._parts.arm.start()
+        self._supervision.start()
         self.pacer.restart()
+
+    @property
+    def motor_firmware(self) -> int:
+        """Of the arm's motor pucks, after `start`."""
+        return self._supervision.motor_firmware
 
     def step(self) -> None:
         """One period: ask for positions, think while they travel, check them, send torques."""
@@ -136,14 +148,14 @@ class Cycle:
             self._go_idle()
         self._tell(now_ns)
         self.number += 1
-        self._cpu_us = (self._processor_time_ns() - began_ns) * 1e-3
+        self.cpu_us = (self._processor_time_ns() - began_ns) * 1e-3
 
     def _on_bus(self, act: Callable[[], None]) -> bool:
         """Do something on the arm's bus; a bus that takes nothing is a fault, but the hand is on another one."""
         try:
             act()
         except BusError:
-            self._check(Reason.BUS_FAILED)
+            self._fail_arm(self._supervision.lose_bus())
             return False
         return True
 
@@ -156,12 +168,35 @@ class Cycle:
             self._hand = HandState.unpack(payload)
         self._parts.orders.hand = self._hand
         while (command := self._next_command()) is not None:
-            reason = self._parts.orders.take(command)
+            reason = self._take(command)
             accepted = reason is Reason.NONE
             self._tell_event(EventKind.ACCEPTED if accepted else EventKind.REJECTED, command.token, reason, ())
             self._tell_outcomes()
         if self._links.commands.closed and not self._parts.orders.shutting_down:
             self._parts.orders.take(CycleCommand(CommandKind.SHUTDOWN, 0))
+
+    def _take(self, command: CycleCommand) -> Reason:
+        """Carry out a command; before a fault is cleared the arm has to be sound, or is started again."""
+        if command.kind is CommandKind.FAULT_CLEAR and self._parts.orders.fault is not Reason.NONE:
+            reason = self._recover()
+            if reason is not Reason.NONE:
+                return reason
+        return self._parts.orders.take(command)
+
+    def _recover(self) -> Reason:
+        """What can take seconds; all but the arm goes on meanwhile, if the clock allows."""
+        if not isinstance(self._clock, AttentiveClock):
+            return self._supervision.recover(self._sample)
+        with self._clock.attended(self._attend, lambda: self.pacer.deadline_ns):
+            return self._supervision.recover(self._sample)
+
+    def _attend(self) -> None:
+        """A period without the arm."""
+        now_ns = self.pacer.begin()
+        self._listen(now_ns)
+        self._grasp(now_ns)
+        self._tell(now_ns)
+        self.number += 1
 
     def _grasp(self, now_ns: int) -> None:
         """Wind, observe the index, look the object's motion up, smooth the opposite offset."""
@@ -201,26 +236,28 @@ class Cycle:
         """Positions of this period, and whether all is plausible."""
         parts = self._parts
         self._sample = sample = parts.arm.collect_positions(now_ns + self._reply_ns)
-        if self.number % self._settings.mode_poll_cycles == 0:
-            parts.arm.poll_safety_mode()
-        self._check(parts.safety.replies(sample.complete))
+        supervision = self._supervision
+        supervision.ask(self.number, sample)
+        silent = parts.safety.replies(sample.complete) is not Reason.NONE
+        fault = supervision.look(sample, silent, parts.orders.shutting_down)
+        if fault is not None or (self._left_active and not supervision.pending):
+            self._fail_arm(fault)
+        supervision.go_idle(now_ns)
         if parts.orders.arm_state is ArmState.ACTIVE:
             self._check(parts.safety.tracking(sample.joint_rad, parts.motion.joint_rad))
             self._check(parts.safety.residual(parts.control.feedback_Nm))
-        if parts.grasping.compensated:
-            age_s = (now_ns - self._hand_sample_ns) * 1e-9 if self._hand is not None else None
-            fault = self._hand.fault if self._hand is not None else None
-            if fault is not None:
-                self._check(parts.safety.hand(age_s, fault))
+        if parts.grasping.compensated and self._hand is not None:
+            self._check(parts.safety.hand((now_ns - self._hand_sample_ns) * 1e-9, self._hand.fault))
 
     def _act(self) -> None:
         """Torques: the model's for the commanded motion plus feedback; gravity alone while the arm is not active, or
         where feedback would push against positions that nobody reports any more."""
         parts, motion, sample = self._parts, self._parts.motion, self._sample
         assert sample is not None
-        blind = parts.orders.fault is Reason.ARM_SILENT and not sample.complete
-        if blind:
-            self._ask_for_idle_once()
+        blind = self._supervision.blind
+        if blind and sample.complete:
+            motion.place(sample.joint_rad, parts.smoother.motion)  # where it has come to meanwhile
+            self._supervision.see()
         if parts.orders.arm_state is ArmState.ACTIVE and not blind:
             self._torque = parts.control.torque(
                 sample.joint_rad,
@@ -234,26 +271,26 @@ class Cycle:
             self._torque = parts.model.gravity(sample.joint_rad)
         parts.arm.write_torques(self._torque)
 
-    def _ask_for_idle_once(self) -> None:
-        """An arm that cannot be held any more goes idle: the pucks then brake."""
-        if not self._idle_asked and self._parts.arm.mode is ArmMode.ACTIVE:
-            self._idle_asked = True
-            with contextlib.suppress(InputError):  # safety firmware before 197 leaves idling to the pendant
-                self._parts.arm.request_idle()
-
     def _change_arm_state(self, state: ArmState, sample: ArmSample) -> None:
         orders, parts = self._parts.orders, self._parts
-        was_active = orders.arm_state is ArmState.ACTIVE
+        self._left_active = orders.arm_state is ArmState.ACTIVE and not orders.shutting_down
         orders.arm_state = state
+        self._supervision.change_mode()
         if state is ArmState.ACTIVE:
-            self._idle_asked = False
             parts.motion.place(sample.joint_rad, parts.smoother.motion)
             parts.control.reset(sample.joint_rad, sample.sample_ns)
             parts.safety.reset()
-        elif was_active and not orders.shutting_down:
-            orders.drop_arm_path(Reason.ARM_IDLED)
-            if parts.grasping.compensated:
-                orders.fail(Reason.ARM_IDLED)
+
+    def _fail_arm(self, fault: Found | None) -> None:
+        """The arm has a fault; one that left its active mode has also failed whatever was under way."""
+        orders = self._parts.orders
+        if self._left_active:
+            self._left_active = False
+            orders.drop_arm_path(fault.reason if fault is not None else orders.fault or Reason.ARM_IDLED)
+        # The operator may idle the arm at any time; only what was held makes it a fault.
+        harmless = fault is None or (fault.reason is Reason.ARM_IDLED and not self._parts.grasping.compensated)
+        if fault is not None and not harmless:
+            orders.fail(*fault)
 
     def _check(self, reason: Reason) -> None:
         if reason is not Reason.NONE and self._parts.orders.fault is Reason.NONE:
@@ -313,41 +350,4 @@ class Cycle:
         """Events of this period and one record of all that was seen and commanded."""
         if self._outcomes:
             self._tell_outcomes()
-        parts = self._parts
-        motion, grasping, sample, hand = parts.motion, parts.grasping, self._sample, self._hand
-        reading = grasping.reading
-        # In the order of CYCLE_RECORD; a list packed at once costs half of slices written one by one.
-        self._links.records.send(
-            self._pack_record(
-                self.number,
-                self.pacer.missed,
-                self.pacer.late_ns * 1e-3,
-                self._cpu_us,
-                parts.orders.arm_state,
-                grasping.hand_status,
-                grasping.phase,
-                parts.orders.fault,
-                parts.orders.compensation,
-                grasping.index_kind,
-                *(_NO_JOINTS if sample is None else sample.joint_rad.tolist()),
-                *motion.joint_rad.tolist(),
-                *motion.joint_velocity_rad_s.tolist(),
-                *self._torque.tolist(),
-                *motion.wrist_target_xyz_m.tolist(),
-                *motion.T_world_wrist_plan[:3, 3].tolist(),
-                *grasping.offset_target.pose,
-                *parts.smoother.motion.pose,
-                *parts.smoother.motion.rate,
-                motion.scale,
-                self._governor,
-                grasping.winding.position_m,
-                grasping.winding.rate_m_s,
-                *(_NO_READING if reading is None else reading[:4]),
-                *(STILL.pose if reading is None else reading.motion.pose),
-                0 if reading is None else STATUS_NUMBERS[reading.status],
-                *(_NO_HAND if hand is None else (*hand.excursion_m, *hand.tension_N)),
-                0.0 if hand is None else (now_ns - self._hand_sample_ns) * 1e-3,
-                0 if sample is None else sample.replies,
-            ),
-            now_ns,
-        )
+        self._record.write(self._sample, self._hand, self._hand_sample_ns, self._torque, self._governor, now_ns)

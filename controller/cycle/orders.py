@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.cycle.arm_motion import ArmMotion
+from controller.cycle.arm_supervision import tells_more
 from controller.cycle.grasp_state import ArmState, GraspEvent, GraspPhase
 from controller.cycle.grasping import Grasping, Outcome
 from controller.messages import CommandKind, CompensationIndex, CycleCommand, EventKind, HandState, Reason
@@ -69,13 +70,16 @@ class Orders:
             return self.fault or Reason.STOPPED_BY_COMMAND
         return Reason.UNREACHABLE if self._motion.wrist_error_m > REACHED_M else Reason.NONE
 
-    def fail(self, reason: Reason) -> None:
-        """A fault: the arm stops along its path, the hand keeps the object."""
-        if self.fault is Reason.NONE:
-            self.fault = reason
-            self._grasping.outcomes.append(Outcome(EventKind.FAULT, 0, reason))
-        self.stopping = self._motion.moving
-        self._grasping.fail(reason)
+    def fail(self, reason: Reason, values: tuple[float, ...] = ()) -> None:
+        """A fault: the arm stops along its path, the hand keeps the object. Told if it tells more than what stands."""
+        if not tells_more(reason, self.fault):
+            return
+        first = self.fault is Reason.NONE
+        self.fault = reason
+        self._grasping.outcomes.append(Outcome(EventKind.FAULT, 0, reason, values))
+        if first:  # later the operator may be letting trapped fingers go
+            self.stopping = self._motion.moving
+            self._grasping.fail(reason)
 
     def drop_arm_path(self, reason: Reason) -> None:
         """The arm is no longer ours to move: whatever was under way has failed."""

@@ -55,6 +55,11 @@ class SafetyMonitor:
         self._over_band = [0] * 7
         self._silent = 0
 
+    @property
+    def silent_cycles(self) -> int:
+        """Incomplete position replies in a row that are a fault."""
+        return self._limits.silent_cycles
+
     def reset(self) -> None:
         """Forget what was counted, at activation."""
         self._over_band = [0] * 7

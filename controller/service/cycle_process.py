@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 
 from controller.config import RobotConfig
+from controller.cycle.attentive_clock import AttentiveClock
 from controller.cycle.cycle import Cycle, CycleLinks, Parts
 from controller.cycle.safety import SafetyLimits, SafetyMonitor
 from controller.messages import CommandKind, CycleCommand
@@ -30,14 +30,20 @@ from controller.service.links import (
 from controller.service.realtime import RealtimeReport, RealtimeSettings, enter_realtime
 from controller.service.stop_requests import StopRequests
 from drivers.clock import Clock, MonotonicClock, nanoseconds
-from drivers.wam.arm import Arm, ArmSample
+from drivers.wam.arm import Arm, ReadingOptions
 from drivers.wam.bus import PythonCanBus, open_can
+from drivers.wam.startup import Operator, Prompt
 
 LONGEST_STOP_S = 5.0
 """A cycle that cannot come to rest, because its bus is dead, does not stay behind."""
 SIMULATED_PAUSE_S = 0.3
 """A simulated arm stands still while its process waits for a processor; neither that it is silent nor that it did not
 move is a fault before this. On virtual time, where nothing waits, the limits are those of hardware."""
+SIMULATED_READING = ReadingOptions(extrapolated_cycles=0, repeat=False)
+"""Its replies are late as often as its process has to wait: carrying its motion on would invent one, and asking again
+would keep it longer. The last whole reading stands, with its own time, and the joint control lets its torque stand."""
+LONGEST_OPERATOR_WAIT_S = 600.0
+"""For E-stop to be released, or Shift+Idle to be pressed, when the daemon starts."""
 
 
 class SurvivingEvents(OrderedSender):
@@ -53,27 +59,9 @@ class SurvivingEvents(OrderedSender):
             return -1
 
 
-class SimulatedArm(Arm):
-    """A simulated arm on a shared machine: its replies are late as often as its process has to wait.
-
-    Positions of different times do not make joint angles, so an incomplete reading is passed over for the last complete
-    one, with the time of that; the joint control then lets its last torque stand.
-    """
-
-    _complete: ArmSample | None = None
-
-    def collect_positions(self, deadline_ns: int) -> ArmSample:
-        sample = super().collect_positions(deadline_ns)
-        if sample.complete:
-            self._complete = sample
-        elif self._complete is not None:
-            return replace(sample, joint_rad=self._complete.joint_rad, sample_ns=self._complete.sample_ns)
-        return sample
-
-
 def run_cycle(assignment: Assignment, lifeline: Lifeline, stop: StopRequests) -> int:
     """Run the cycle to its end; the exit code."""
-    config, clock = assignment.config, MonotonicClock()
+    config, clock = assignment.config, AttentiveClock(MonotonicClock())
     front = SocketLink.from_fileno(assignment.descriptors["commands"])
     hand = SocketLink.from_fileno(assignment.descriptors["hand"])
     records = SocketLink.from_fileno(assignment.descriptors["records"])
@@ -84,8 +72,18 @@ def run_cycle(assignment: Assignment, lifeline: Lifeline, stop: StopRequests) ->
     bus = open_can(config.arm.interface, config.arm.channel, clock)
     try:
         parts = _parts(config, bus, clock, assignment.simulated)
-        cycle = Cycle(clock, links, parts, processor_time_ns=time.thread_time_ns)
+        operator = Operator(
+            on_prompt=lambda prompt: _prompt(lifeline, prompt),
+            wait_s=LONGEST_OPERATOR_WAIT_S,
+            still_wanted=lambda: stop.received is None and not lifeline.closed and not parts.orders.shutting_down,
+        )
+
+        def say(text: str) -> None:
+            lifeline.say(Word.SAID, text)
+
+        cycle = Cycle(clock, links, parts, time.thread_time_ns, operator, say)
         find(cycle.start, assignment.simulated)
+        lifeline.say(Word.MOTORS, str(cycle.motor_firmware))
         report = _enter_realtime(config, assignment.simulated)
         for step in report.refused:
             lifeline.say(Word.SAID, f"the cycle runs without {step.name}: {step.detail}")
@@ -94,6 +92,10 @@ def run_cycle(assignment: Assignment, lifeline: Lifeline, stop: StopRequests) ->
         return _loop(cycle, parts, events, stop, clock)
     finally:
         bus.close()
+
+
+def _prompt(lifeline: Lifeline, prompt: Prompt) -> None:
+    lifeline.say(Word.PROMPT, f"{prompt.kind.value}\n{prompt.text}")
 
 
 def _loop(cycle: Cycle, parts: Parts, events: SurvivingEvents, stop: StopRequests, clock: Clock) -> int:
@@ -119,7 +121,7 @@ def _parts(config: RobotConfig, bus: PythonCanBus, clock: Clock, simulated: bool
             silent_cycles=round(SIMULATED_PAUSE_S / config.cycle.period_s),
             residual_time_s=SIMULATED_PAUSE_S,
         )
-        parts.arm = SimulatedArm(bus, clock, arm_parameters(config))
+        parts.arm = Arm(bus, clock, arm_parameters(config), SIMULATED_READING)
         parts.safety = SafetyMonitor(limits, config.cycle.period_s)
     return parts
 

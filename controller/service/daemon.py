@@ -43,7 +43,7 @@ from controller.service.supervision import Child, end_children
 from controller.service.table_shelf import TableShelf
 from controller.service.telemetry import StatePublisher
 from drivers.clock import Clock, MonotonicClock, nanoseconds
-from drivers.errors import StillgraspError
+from drivers.errors import BusError, StillgraspError
 from drivers.wam.bus import SAFETY_FILTERS, PythonCanBus, open_can
 from drivers.wam.safety_puck import Guard, SafetyPuck
 
@@ -51,8 +51,11 @@ LONGEST_WAIT_S = 0.005
 SIMULATED_HEARTBEAT_S = 0.3
 """A simulated cycle on a shared machine may be kept waiting for longer than a real one's 20 ms."""
 LONGEST_START_S = 20.0
+LONGEST_PROMPT_S = 630.0
+"""Of starting after a word to the operator: a little more than the cycle waits for them."""
 LONGEST_STOP_S = 4.0
 LONGEST_END_S = 1.0
+GUARD_CHECK_S = 0.5
 TOLD_FOR_S = 3.0
 """How long `status` still answers once the cycle is lost."""
 _WATCHDOG_S = 0.1
@@ -114,6 +117,7 @@ class Daemon:
         self._activated = False
         self._last_cycle = -1.0
         self._watchdog_ns = 0
+        self._guard_ns = 0
         self._lost_ns = 0
         self._recording_failed = False
 
@@ -186,8 +190,7 @@ class Daemon:
                 if not buttons.open:
                     poll.unregister(buttons.fileno())
             for child in self._children.values():
-                for line in child.listen():
-                    self._say(line)
+                self._hear(child)
             for descriptor, seen in ready.items():
                 if seen & ~select.POLLIN:
                     poll.unregister(descriptor)  # who was there has gone, which would wake us for ever
@@ -195,6 +198,19 @@ class Daemon:
             if code is not None:
                 return code
             self._keep_watchdog()
+
+    def _hear(self, child: Child) -> None:
+        """Pass on what a child says; while an operator is waited for, starting takes as long as they do."""
+        for line in child.listen():
+            self._say(line)
+        for code, text in child.prompts:
+            self._front.tell("prompt", code, text)
+            if self._phase == "starting":
+                self._phase_end_ns = self._clock.now_ns() + nanoseconds(LONGEST_PROMPT_S)
+        child.prompts.clear()
+        if child.motor_firmware is not None and self._guard_bus is not None and self._guard is not None:
+            self._guard = Guard(self._guard_bus, self._clock, self._guard.safety_firmware, child.motor_firmware)
+            child.motor_firmware = None
 
     def _supervise(self, stop: StopRequests) -> int | None:
         """Move on from phase to phase; the exit code once all is over."""
@@ -265,11 +281,11 @@ class Daemon:
             self._activated = True
             self._children["world"].lifeline.say(Word.PRESS, "activate")
             return
-        prompt = {
-            ArmState.IDLE: "; press Shift-Activate on the pendant to let it move",
-            ArmState.ESTOP: "; release it, then press Shift-Idle and Shift-Activate",
-        }.get(state, "")
-        self._say(f"the arm is {state.name.lower()}{prompt}")
+        if state is ArmState.IDLE:
+            text = "The arm is idle: press Shift+Activate on the pendant to let it move."
+            self._front.tell("prompt", "press_activate", text)
+        else:
+            self._say(f"the arm is {state.name.lower()}")
 
     def _after_loss(self, now_ns: int, stop: StopRequests) -> int | None:
         """The arm was idled and clients were told; `status` answers a moment longer."""
@@ -284,9 +300,22 @@ class Daemon:
         over = now_ns - self._lost_ns > nanoseconds(TOLD_FOR_S) or stop.received is not None
         return 1 if over else None
 
+    def _keep_guard(self, now_ns: int) -> None:
+        """The guard's bus must work when it is needed: what nobody reads is dropped, and a lost one opened again."""
+        if self._guard_bus is None or now_ns < self._guard_ns:
+            return
+        self._guard_ns = now_ns + nanoseconds(GUARD_CHECK_S)
+        try:
+            while self._guard_bus.receive(0) is not None:
+                pass
+        except BusError:
+            with contextlib.suppress(BusError):  # the next time, then
+                self._guard_bus.reopen()
+
     def _keep_watchdog(self) -> None:
         """systemd hears of us as long as cycles are completed."""
         record, now_ns = self._front.record, self._clock.now_ns()
+        self._keep_guard(now_ns)
         if record is None or now_ns < self._watchdog_ns:
             return
         self._watchdog_ns = now_ns + nanoseconds(_WATCHDOG_S)

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 from calibration.motion_table import MotionTable
 from controller.messages import CYCLE_RECORD, CycleCommand, CycleEvent, EventKind, Reason
-from controller.reasons import EXPLANATIONS, as_error
+from controller.reasons import EXPLANATIONS, as_error, named_values
 from controller.service import commands as asked
 from controller.service.answers import encode_error, encode_event, encode_reply, error_told
 from controller.service.command_socket import Address, CommandPort
@@ -213,9 +213,10 @@ class Front:
             self.stopped, self.stop_reason = True, event.reason
         if event.kind in (EventKind.FAULT, EventKind.STOPPED):
             explanation = EXPLANATIONS[event.reason]
-            told = {"code": explanation.code, "message": explanation.message, "help": explanation.help}
+            told: dict[str, Any] = {"code": explanation.code, "message": explanation.message, "help": explanation.help}
             if event.kind is EventKind.STOPPED and event.reason is Reason.NONE:
                 told["message"] = "The cycle has ended and the arm is idle."
+            told |= named_values(event.reason, event.values)
             self._broadcast(event.kind.name.lower(), told, now_ns)
             return
         running = self._running.get(event.token)

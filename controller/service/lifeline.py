@@ -23,6 +23,8 @@ class Word(IntEnum):
     READY = 3  # from a child: it runs
     SAID = 4  # from a child: a line for the operator
     FAILED = 5  # from a child: why it ends
+    PROMPT = 6  # from the cycle: its code, and in the next line what the operator is asked for
+    MOTORS = 7  # from the cycle: firmware of the arm's motor pucks
 
 
 class Saying(NamedTuple):

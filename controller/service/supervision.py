@@ -23,13 +23,16 @@ _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 class Child:
-    """One child process. `ready` and `failure` are what it said; `said` its lines not yet fetched."""
+    """One child process. `ready`, `failure` and `motor_firmware` are what it said."""
 
     def __init__(self, role: Role, process: subprocess.Popen[bytes], lifeline: Lifeline) -> None:
         self.role = role
         self.lifeline = lifeline
         self.ready = False
         self.failure = ""
+        self.motor_firmware: int | None = None
+        self.prompts: list[tuple[str, str]] = []
+        """Code and words of what it asked the operator for; for the front to take."""
         self._process = process
         self._ended = False
 
@@ -99,6 +102,11 @@ class Child:
                 self.ready = True
             elif saying.word is Word.FAILED:
                 self.failure = saying.text
+            elif saying.word is Word.PROMPT:
+                code, _, text = saying.text.partition("\n")
+                self.prompts.append((code, text))
+            elif saying.word is Word.MOTORS:
+                self.motor_firmware = int(saying.text)
             else:
                 lines.append(saying.text)
         return lines

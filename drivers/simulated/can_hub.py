@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import can
 
-from drivers.clock import VirtualClock, nanoseconds
+from drivers.clock import Clock, nanoseconds
 from drivers.errors import BusError
 from drivers.simulated.can_faults import CanFaults, SendRefusedError
 from drivers.simulated.can_segment import CanDevice, CanSegment
@@ -85,13 +85,14 @@ class MemoryCanHub:
 
 
 class MemoryCanBus:
-    """A client of a `MemoryCanHub`, for a part with its own virtual clock; implements drivers.wam.bus.CanBus.
+    """A client of a `MemoryCanHub`, for a part with its own virtual clock; implements drivers.wam.bus.CanBus and
+    FrameBus.
 
     BusError from opening, sending and receiving if a fault script has unplugged the adapter; when it is back, the bus
     has to be opened again.
     """
 
-    def __init__(self, hub: MemoryCanHub, clock: VirtualClock) -> None:
+    def __init__(self, hub: MemoryCanHub, clock: Clock) -> None:
         self._hub = hub
         self._clock = clock
         self._closed = False
@@ -107,16 +108,20 @@ class MemoryCanBus:
             raise BusError(
                 "simulated CAN", f"frame {message} is no standard data frame; expected an 11-bit identifier."
             )
-        try:
-            self._hub._send(Frame.of(message), self, self._clock.now_ns())
-        except SendRefusedError as refusal:
-            cause = can.CanOperationError(str(refusal), refusal.errno)
-            raise BusError(
-                "simulated CAN", f"frame {message.arbitration_id:#05x} could not be sent ({refusal})."
-            ) from cause
+        self._put(Frame.of(message))
 
     def receive(self, deadline_ns: int) -> can.Message | None:
         """Next frame that arrives by `deadline_ns`; the clock moves to its arrival, or else to the deadline."""
+        frame = self.receive_frame(deadline_ns)
+        return None if frame is None else frame.message()
+
+    def send_frame(self, identifier: int, data: bytes) -> None:
+        """Put a standard data frame on the wire now. BusError if it is not taken."""
+        self._check()
+        self._put(Frame(identifier, data))
+
+    def receive_frame(self, deadline_ns: int) -> Frame | None:
+        """As `receive`, without a message object."""
         self._check()
         deadline_ns = max(deadline_ns, self._clock.now_ns())
         while not self.inbox or self.inbox[0][0] > self._clock.now_ns():
@@ -125,7 +130,7 @@ class MemoryCanBus:
             # What was waited for may still be on the wire, and another may have come first.
             self._hub._carry_until(self._clock.now_ns())
             self._check()
-        return self.inbox.popleft()[1].message()
+        return self.inbox.popleft()[1]
 
     def fileno(self) -> int:
         """There is nothing to select on: −1."""
@@ -142,6 +147,20 @@ class MemoryCanBus:
     def close(self) -> None:
         self._closed = True
         self._hub._leave(self)
+
+    def reopen(self) -> None:
+        """Be another client of the hub, with nothing heard yet. BusError if there is no adapter."""
+        self.close()
+        self.inbox.clear()
+        self._hub._join(self)
+        self._adapter, self._closed = self._hub._times_unplugged(), False
+
+    def _put(self, frame: Frame) -> None:
+        try:
+            self._hub._send(frame, self, self._clock.now_ns())
+        except SendRefusedError as refusal:
+            cause = can.CanOperationError(str(refusal), refusal.errno)
+            raise BusError("simulated CAN", f"frame {frame.identifier:#05x} could not be sent ({refusal}).") from cause
 
     def _check(self) -> None:
         if self._closed:

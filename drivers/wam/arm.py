@@ -17,7 +17,8 @@ from drivers.clock import Clock
 from drivers.errors import BusError
 from drivers.wam.bus import CanBus, Reopenable, frames_of
 from drivers.wam.dialogue import Dialogue
-from drivers.wam.faults import ARM_FAULTS, FaultJudge, NamedFault, Recovery, bus_fault
+from drivers.wam.fault_table import NamedFault, Recovery
+from drivers.wam.faults import FaultJudge, bus_fault
 from drivers.wam.frames import (
     GROUP_ARM,
     GROUP_BIT,
@@ -236,13 +237,14 @@ class Arm:
         return judge.judge(sample, self._reader.jumped, silent, idle_wanted)
 
     @property
+    def explains_later(self) -> bool:
+        """The arm went idle unasked, and the pendant may still tell why."""
+        return self._judge.unexplained
+
+    @property
     def bus_fault(self) -> NamedFault | None:
         """What the last BusError means, until `forget_faults`."""
         return self._bus_fault
-
-    def recovery(self, fault: NamedFault) -> Recovery:
-        """What has to be done about a fault before the arm may be activated again."""
-        return ARM_FAULTS[fault.code].recovery
 
     def forget_faults(self) -> None:
         """The operator has cleared the fault: what was counted and heard of it is past."""

@@ -214,6 +214,11 @@ class Guard:
         generation = safety_firmware if motor_firmware is None else motor_firmware
         self._torque_id = property_id("T", generation, "motor")
 
+    @property
+    def safety_firmware(self) -> int:
+        """As told to it."""
+        return self._puck.firmware
+
     def idle_arm(self) -> str:
         """Idle the arm and say what was done and whether it is confirmed. Never raises for a dead bus or puck."""
         done: list[str] = []
