@@ -103,7 +103,7 @@ class _LoadCurve:
         each = np.arange(columns)
         steepness = self._slope[self._top, each]
         self.reach_N = self._load[self._top, each] + np.where(steepness > least, self._step_m * steepness, 0.0)
-        """(columns,) highest load that is looked for: that of the last node, and while it is steep what one more adds"""
+        """(columns,) highest load looked for: that of the last node, and while it is steep what one more adds"""
 
     def _until(self, least: float) -> Reals:
         """Per column, the place (counted in rows) from which the slope is below `least` or nothing is solved."""

@@ -19,3 +19,9 @@ def symmetric_table() -> MotionTable:
 def split_table() -> MotionTable:
     """T42PP, fitted, 40 mm cylinder, 10 % onset split, lifted."""
     return build_table(load_hand("t42pp"), load_object("cylinder40"), GraspSpec(onset_split=0.1, supported=False))
+
+
+@pytest.fixture(scope="session")
+def supported_table() -> MotionTable:
+    """T42PP, fitted, 40 mm cylinder, symmetric, standing on its support."""
+    return build_table(load_hand("t42pp"), load_object("cylinder40"), GraspSpec())

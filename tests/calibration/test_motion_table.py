@@ -179,6 +179,11 @@ def test_a_table_for_something_else_is_refused(split_table: MotionTable) -> None
         (lambda h, a: a.update({"excursion.value": a["excursion.value"].astype(np.float32)}), "float32"),
         (lambda h, a: a["load.end"].__setitem__(3, np.nan), "not finite"),
         (lambda h, a: h.update(tendons=["right"]), "12 channels for 1 tendons"),
+        (lambda h, a: h["contact"].update(tension_N=[1.0]), r"contact\.tension_N = \[1\.0\], expected 2"),
+        (lambda h, a: h["contact"].update(pose=[0.0] * 3), r"contact\.pose"),
+        (lambda h, a: h["settings"].pop("frozen_travel_m"), "lacks the setting 'frozen_travel_m'"),
+        (lambda h, a: h["column_end"].pop(), "names 40 ends of 41 columns"),
+        (lambda h, a: a["load.axis_0"].__setitem__(3, 0.0), "load.axis_0 that does not rise"),
     ],
 )
 def test_a_well_sealed_but_wrong_file_is_refused(
