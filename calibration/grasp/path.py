@@ -62,7 +62,7 @@ KINK = 3.0
 """Where joints meet or leave a stop, a step may be this many times as long as predicted; a jump to another solution
 is longer."""
 LOAD_JUMP = 3.0
-"""A step may change the mean load by this many full steps of the load, no more: friction lets it jump."""
+"""Letting out, a step may lower the mean load by this many full steps of the load: friction would let it jump."""
 ROUNDING = 1e-9
 LOOK_EVERY = 8
 """Points after which the clearances are looked at, many at once; where one has closed is found afterwards."""
@@ -196,12 +196,33 @@ class _Follower:
                 if self._accepted(w, guess, held, states):
                     self.share = min(1.0, 1.5 * self.share)
                     return drive, states
+                onto = self._onto_stops(w, guess, held)
+                if onto is not None:
+                    return drive, onto
             self.share *= 0.5
         return None
 
+    def _onto_stops(self, w: Reals, guess: Reals, held: Reals) -> States | None:
+        """The state that just meets the stop which `guess` oversteps most, for steps that have no solution beyond it:
+        the load may fall with the winding up to a stop, and rises again only there."""
+        joints, limits = self.system.joints, np.stack([self.system.upper_rad, -self.system.lower_rad])
+        over = np.where(held == 0, np.stack([guess[:joints], -guess[:joints]]) - limits, -1.0)
+        side, joint = np.unravel_index(int(np.argmax(over)), over.shape)
+        if over[side, joint] <= 0:
+            return None
+        event = self._stop_event(int(joint), 1.0 - 2.0 * float(side))
+        target = np.array([event.limit, float(self.difference @ w)])
+        states = self.rule.solve(w, w, Drive(np.array([event.row, self.difference])), target)
+        q = states.w[0, :joints]
+        met = (np.abs(q - self.system.upper_rad) < ROUNDING) * 1.0 - (np.abs(q - self.system.lower_rad) < ROUNDING)
+        found = replace(states, at_stop=np.where(held != 0, held, met)[None])
+        return found if self._accepted(w, guess, held, found) else None
+
     def _leads(self, w: Reals, last: Reals | None, held: Reals) -> list[tuple[Drive, Reals, float]]:
-        """What may lead from here: drive, how the state changes with it, length of a full step. Winding comes first; a
-        step onto stops that leave it nothing to move succeeds with the load."""
+        """What may lead from here: drive, how the state changes with it, length of a full step.
+
+        The winding leads while it moves anything; letting out, the load may lead too, since friction can hold the
+        winding."""
         found = []
         for row in (self.mean,) if self.kind == "load" else (self.mean, self.mean_load):
             drive = Drive(np.array([row, self.difference]))
@@ -209,6 +230,8 @@ class _Follower:
             length = self._length(slope)
             if length is not None and not (self.kind != "load" and row is self.mean and length < SLOW * self.step_m):
                 found.append((drive, slope, length))
+            if found and self.direction > 0:
+                break
         return found
 
     def _length(self, slope: Reals) -> float | None:
@@ -224,7 +247,10 @@ class _Follower:
             return False
         scale = self.system.column_scale[: self.system.size]
         unknowns = self.system.unknowns
-        if abs(float(self.mean_load @ (states.w[0] - w))) > LOAD_JUMP * self.largest_load_N:
+        wound = self.direction * float(self.mean_excursion @ (states.w[0] - w))
+        if self.kind != "load" and wound < -1e-6 * self.step_m:
+            return False  # the load leads back down where it falls with the winding
+        if self.direction < 0 and float(self.mean_load @ (w - states.w[0])) > LOAD_JUMP * self.largest_load_N:
             return False
         predicted, found = (np.abs((to - w) / scale)[:unknowns].max() for to in (guess, states.w[0]))
         if (states.at_stop[0] != held).any():  # a kink: the prediction knows nothing of it

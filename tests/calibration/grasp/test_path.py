@@ -85,6 +85,18 @@ def test_flexures_stay_a_little_soft_at_their_stops(grasping: Grasping) -> None:
     assert np.abs(np.diff(path.motion[:, 1])).max() < 4e-3
 
 
+def test_a_load_that_falls_up_to_the_stop_rises_again_there(grasping: Grasping) -> None:
+    """T42PP, fitted, 30 mm: winding in beyond 97.8 N takes less load, not more; the path neither turns back nor ends
+    there, but goes on to both stops and then to the cap."""
+    path = trace(grasping("t42pp", "fitted", "cylinder30"), step_m=3e-4)
+    load, first = path.load_N.mean(1), path.first_stop
+    assert first is not None
+    assert load[first] < load[:first].max() - 0.1
+    assert (np.diff(path.excursion_m[: first + 1].mean(1)) > 0).all()
+    assert (np.diff(load[first:]) > 0).all()
+    assert load[-1] == pytest.approx(128.0, abs=1e-6)
+
+
 def test_stops_are_met_one_after_the_other_off_centre(grasping: Grasping) -> None:
     """An onset split brings the right finger to its stop first; the left one follows, then nothing moves any more."""
     path = trace(grasping("t42pp", "nominal", "cylinder40", radius_m=0.006, onset_split=0.1), step_m=4e-4)

@@ -32,8 +32,8 @@ def test_the_load_falls_through_the_band_while_the_hand_holds_its_shape() -> Non
     """Two pins, symmetric, forces horizontal: T r − k_P q_P = N h_1 and T_D r − k_D q_D = N h_2 (hand-mechanics
     reference 6). With the shape held, T_D = T e^c gives the load at which the tendon runs again."""
     system = rubbing("t42pp", 0.2)
-    path = trace(system, step_m=4e-4, load_cap_N=70.0)
-    back = unwind(path, step_m=4e-4)
+    path = trace(system, step_m=6e-4, load_cap_N=70.0)
+    back = unwind(path, step_m=6e-4)
     w = path.w[-1]
     point = system.contacts[0].contact_point(w[None, :2], w[None, 4:7])[0]
     elbow = system.fingers[0].links[1].root.at(w[None, :2]).value[0]
@@ -41,7 +41,7 @@ def test_the_load_falls_through_the_band_while_the_hand_holds_its_shape() -> Non
     spring_P, spring_D = system.stiffness[:2] * w[:2]
     runs_again_N = (spring_D - h_2 / h_1 * spring_P) / (0.008 * (math.exp(0.2) - h_2 / h_1))
     above = back.load_N[:, 0] > runs_again_N + 1e-6
-    assert above.sum() > 5
+    assert above.sum() > 3
     assert back.pose[above] == pytest.approx(np.broadcast_to(path.pose[-1], (above.sum(), 3)), abs=1e-10)
     assert np.abs(back.excursion_m[above]).max() < 1e-10
     assert np.abs(back.motion[~above][1:, 1]).min() > 1e-5
@@ -58,8 +58,8 @@ def test_then_it_follows_the_unwinding_branch(hand: str, split: float) -> None:
     """Every later state solves the equations of the unwinding branch, and the loop is open: less load at the same
     winding, the object left nearer to the palm, until the contacts let go."""
     system, other = rubbing(hand, 0.15, split=split), rubbing(hand, 0.15, split=split, unwinding=True)
-    path = trace(system, step_m=4e-4, load_cap_N=60.0)
-    back = unwind(path, step_m=4e-4)
+    path = trace(system, step_m=6e-4, load_cap_N=60.0)
+    back = unwind(path, step_m=6e-4)
     drive = excursion_drive(system)
     states = other.solve(back.w[-4:], drive, back.w[-4:] @ drive.rows.T)
     assert states.converged.all()
@@ -71,17 +71,17 @@ def test_then_it_follows_the_unwinding_branch(hand: str, split: float) -> None:
 
 def test_without_friction_it_goes_back_the_way_it_came() -> None:
     """c = 0: the same states, back to first contact."""
-    path = trace(rubbing("t42pf", 0.0), step_m=4e-4, load_cap_N=50.0)
-    back = unwind(path, step_m=4e-4)
+    path = trace(rubbing("t42pf", 0.0), step_m=6e-4, load_cap_N=50.0)
+    back = unwind(path, step_m=6e-4)
     assert back.pose[-1] == pytest.approx(path.pose[0], abs=1e-8)
     assert back.load_N[-1] == pytest.approx(path.load_N[0], abs=1e-4)
 
 
 def test_joints_leave_their_stops_again() -> None:
     """From the load cap, both joints at their stops, down to contact: stops are released, in the order of the loads."""
-    path = trace(rubbing("t42pp", 0.2, preset="nominal"), step_m=4e-4, load_cap_N=30.0)
+    path = trace(rubbing("t42pp", 0.2, preset="nominal"), step_m=6e-4, load_cap_N=30.0)
     assert path.at_stop[-1].tolist() == [0, 1, 0, 1]
-    back = unwind(path, step_m=4e-4)
+    back = unwind(path, step_m=6e-4)
     assert back.at_stop[-1].tolist() == [0, 0, 0, 0]
     assert (np.diff(back.load_N.mean(1)) < 0).all()
     assert (np.diff(back.pose[:, 1]) > -1e-9).all()
