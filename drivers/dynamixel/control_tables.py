@@ -152,10 +152,12 @@ class MotorModel:
         XM430: gain × supply voltage / winding resistance; the others tell their output itself. The scale of an MX-28's
         gain with protocol 1.0 is inferred.
         """
-        if self.position_gain_divisor == 0:
-            return 1.0 / gain
-        fraction = gain / self.position_gain_divisor / self.full_pwm
-        return fraction * self.stall_current_A if self.effort == "current" else fraction
+        output = self.output_per_tick(gain)
+        return output * self.stall_current_A if self.effort == "current" else output
+
+    def output_per_tick(self, gain: int) -> float:
+        """Part of full output that the position loop asks for per tick of position error."""
+        return 1.0 / gain if self.position_gain_divisor == 0 else gain / self.position_gain_divisor / self.full_pwm
 
     def holding_current_A_per_tick(self, position_p_gain: int) -> float:
         """The same for a model that measures its current, A. InputError for another."""

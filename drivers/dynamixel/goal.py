@@ -4,6 +4,9 @@ No I/O. Goals are ticks, ceilings counts of the model's ceiling register (curren
 stalled motor *holds*: its goal keeps the lead over the measured position that the present effort needs, so that
 tension does not drop, and no more, so that it does not go on pulling towards a goal it could not reach.
 
+A motor trips on overload by the output that its position loop asks for, even if a low current ceiling keeps it cool
+(reference 6.2). So the goal on the wire never leads farther than `LEAD_OUTPUT` of full output needs, or the ceiling.
+
 Source: design 4 "Drive", 5 "A fault keeps the object"; dynamixel reference 6.2, 6.4.
 """
 
@@ -15,6 +18,10 @@ from drivers.dynamixel.motor import Inspection
 from drivers.dynamixel.settings import MotorSettings
 from drivers.errors import InputError
 
+LEAD_OUTPUT = 0.7
+"""Part of full output that the lead of a goal may ask for: it bounds the speed too, at some 30 mm/s of tendon."""
+LOAD_OUTPUT = 0.2
+"""Part of full output that drives a spool on to its load: some 10 mm/s if the object is gone."""
 _AT_CEILING = 0.95
 """Part of the ceiling that counts as pulling at it: readings are noisy and quantised."""
 
@@ -46,6 +53,13 @@ class TendonGoal:
     def takes_goals(self) -> bool:
         """The same for goals: one that follows positions, in whatever mode, may at least be paid out."""
         return self.takes_ceilings or self._found.may_pay_out
+
+    def commanded(self, ticks: int) -> int:
+        """The goal for the wire, from the measured position, ticks."""
+        ceiling_lead = self.ceiling * self._model.ceiling_unit / self._effort_per_tick
+        output_lead = LEAD_OUTPUT / self._model.output_per_tick(self._settings.gain(self._model))
+        longest = 1 + round(max(ceiling_lead, output_lead))
+        return max(ticks - longest, min(ticks + longest, self.ticks))
 
     def check(self, excursion_m: float, cap_N: float) -> int:
         """The goal for an excursion, ticks; nothing is changed. InputError for what the motor cannot or may not do."""
@@ -122,7 +136,7 @@ class TendonGoal:
     def step(self, now_s: float, elapsed_s: float, *, ticks: int, effort: float, rate_m_s: float) -> None:
         """Follow a load, notice a stall."""
         if self._load_N is not None:
-            self._follow_load(self._load_N, elapsed_s, ticks, effort)
+            self._follow_load(self._load_N, elapsed_s, ticks, effort, rate_m_s)
         else:
             self._watch_stall(now_s, ticks, effort, rate_m_s)
 
@@ -139,15 +153,19 @@ class TendonGoal:
     def _effort_per_tick(self) -> float:
         return self._model.holding_effort_per_tick(self._settings.gain(self._model))
 
-    def _follow_load(self, load_N: float, elapsed_s: float, ticks: int, effort: float) -> None:
+    def _follow_load(self, load_N: float, elapsed_s: float, ticks: int, effort: float, rate_m_s: float) -> None:
         settings, model = self._settings, self._model
-        lead_ticks = 1 + round(self.ceiling * model.ceiling_unit / self._effort_per_tick)
+        gain = settings.gain(model)
+        lead_ticks = 1 + round(
+            self.ceiling * model.ceiling_unit / self._effort_per_tick + LOAD_OUTPUT / model.output_per_tick(gain)
+        )
         step = load_step(
             settings.load_law,
             self._phase,
             load_N=load_N,
             effort=effort,
             excursion_m=settings.excursion_m(ticks, model),
+            rate_m_s=rate_m_s,
             goal_m=settings.excursion_m(self.ticks, model),
             lead_m=lead_ticks * model.tick_rad * settings.spool_radius_m,
             elapsed_s=elapsed_s,

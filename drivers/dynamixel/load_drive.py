@@ -49,13 +49,19 @@ def load_step(
     load_N: float,
     effort: float,
     excursion_m: float,
+    rate_m_s: float,
     goal_m: float,
     lead_m: float,
     elapsed_s: float,
 ) -> LoadStep:
-    """The next goal: from measured effort and excursion, the present goal, and the lead at which the ceiling acts."""
+    """The next goal: from what was measured, the present goal, and the lead at which the ceiling acts.
+
+    Whether enough was paid out is judged at rest, because the load of a moving motor holds its back-EMF too.
+    """
     if phase is LoadPhase.WINDING:
         return LoadStep(excursion_m + lead_m, phase)
-    if phase is LoadPhase.REACHED or law.tension(effort, SpoolMotion.UNWINDING).tension_N <= load_N:
-        return LoadStep(goal_m, LoadPhase.REACHED)
+    most_N = law.tension(effort, SpoolMotion.UNWINDING).tension_N
+    if phase is LoadPhase.REACHED or most_N <= load_N:
+        still = phase is LoadPhase.REACHED or abs(rate_m_s) < law.still_rate_m_s
+        return LoadStep(goal_m, LoadPhase.REACHED if still else phase)
     return LoadStep(min(goal_m, excursion_m + lead_m) - PAY_OUT_RATE_M_S * elapsed_s, phase)

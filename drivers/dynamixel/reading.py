@@ -169,7 +169,7 @@ class PairReader:
         self._probe_ns[index] = now_ns + PROBE_NS
         block = self.plan.fast
         (result,) = self._bus.read_group(block.address, block.layout.size, self._ids[index : index + 1])
-        self._slow_wanted |= excluded and isinstance(result, Status)  # it may have restarted meanwhile
+        self._slow_wanted |= self.missed[index] > 0 and isinstance(result, Status)  # it may have restarted meanwhile
         return self._settle(index, result, now_ns)
 
     def _settle(self, index: int, result: Status | DeviceError, now_ns: int) -> DeviceError | None:

@@ -229,18 +229,21 @@ class TendonPair:
         self._send(model, everything=True)
 
     def _send(self, model: MotorModel, *, everything: bool) -> None:
-        """What is new, to the motors that pull and may be driven: ceilings first."""
-        holding = [tendon for tendon in self._tendons if tendon.torque_on]
+        """What is new, to the motors that pull and may be driven: ceilings first. Not to one that does not answer: it
+        may have restarted, and a goal would switch a protocol 1.0 motor on."""
+        heard = zip(self._tendons, self._reader.missed, strict=True)
+        holding = [tendon for tendon, missed in heard if tendon.torque_on and not missed]
         if everything or any(tendon.goal.ceiling != tendon.sent_ceiling for tendon in holding):
             driven = [tendon for tendon in holding if tendon.goal.takes_ceilings]
             self._write(model.registers[model.ceiling], {t.settings.motor_id: t.goal.ceiling for t in driven})
             for tendon in driven:
                 tendon.sent_ceiling = tendon.goal.ceiling
-        if everything or any(tendon.goal.ticks != tendon.sent_ticks for tendon in holding):
-            driven = [tendon for tendon in holding if tendon.goal.takes_goals]
-            self._write(model.registers["goal_position"], {t.settings.motor_id: t.goal.ticks for t in driven})
-            for tendon in driven:
-                tendon.sent_ticks = tendon.goal.ticks
+        goals = [tendon.goal.commanded(tendon.ticks) for tendon in holding]
+        if everything or any(goal != tendon.sent_ticks for goal, tendon in zip(goals, holding, strict=True)):
+            wanted = {t.settings.motor_id: goal for goal, t in zip(goals, holding, strict=True) if t.goal.takes_goals}
+            self._write(model.registers["goal_position"], wanted)
+            for goal, tendon in zip(goals, holding, strict=True):
+                tendon.sent_ticks = goal
 
     def _write(self, register: Register, values: Mapping[int, int]) -> None:
         if values:
