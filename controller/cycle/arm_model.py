@@ -173,10 +173,11 @@ class ArmModel:
 
         Gravity, Coriolis and inertia of links, hand, payload and rotors; friction is apart, in `friction`.
         """
-        q = checked_joints(q, "joint angles")
-        v = checked_joints(v, "joint velocities")
-        a = checked_joints(a, "joint accelerations")
-        return self._with_difference(pinocchio.rnea(self._model, self._data, q, v, a), q)
+        if not _are_joints(q, v, a):
+            q = checked_joints(q, "joint angles")
+            v = checked_joints(v, "joint velocities")
+            a = checked_joints(a, "joint accelerations")
+        return self._with_difference(pinocchio.rnea(self._model, self._data, q, v, a), np.asarray(q))
 
     def _with_difference(self, torque: FloatArray, q: FloatArray) -> FloatArray:
         """A torque of the masses, as the caller's own array, with their gravity replaced by what was identified."""
@@ -188,6 +189,12 @@ class ArmModel:
         """Joint-space mass matrix (7×7, kg·m²), rotors included."""
         q = checked_joints(q, "joint angles")
         return np.array(pinocchio.crba(self._model, self._data, q, pinocchio.Convention.WORLD))
+
+    def torque_of(self, q: FloatArray, accelerations: FloatArray) -> FloatArray:
+        """Torques (7, k) that accelerate the arm from rest without gravity by each column of `accelerations` (7, k,
+        rad/s²): the mass matrix times them. For the cycle: `q` is not checked."""
+        torque: FloatArray = pinocchio.crba(self._model, self._data, q, pinocchio.Convention.WORLD).dot(accelerations)
+        return torque
 
     def friction(self, v: npt.ArrayLike, direction: Sequence[float]) -> FloatArray:
         """Torques (7, N·m) that overcome joint friction at joint velocity `v` (7, rad/s); `direction` (7), −1 to 1, is
@@ -271,6 +278,16 @@ def checked_joints(values: npt.ArrayLike, what: str) -> FloatArray:
     if array.shape != (JOINTS,) or not isfinite(array.dot(array)):
         raise InputError(f"{what} are {array.tolist()}; expected {JOINTS} finite values.")
     return array
+
+
+def _are_joints(*vectors: object) -> bool:
+    """Whether all are (7) float arrays of finite numbers: three of them in the time that one takes by itself."""
+    total = 0.0
+    for vector in vectors:
+        if not isinstance(vector, np.ndarray) or vector.dtype != np.float64 or vector.shape != (JOINTS,):
+            return False
+        total += vector.dot(vector)
+    return isfinite(total)
 
 
 def checked_pose(pose: npt.ArrayLike | None, what: str) -> FloatArray:

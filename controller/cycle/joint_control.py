@@ -117,38 +117,41 @@ class JointControl:
         q = checked_joints(q_measured, "measured joint angles")
         elapsed_s = (sample_ns - self._sample_ns) * 1e-9
         goal = np.asarray(q_commanded, dtype=np.float64)
-        speeds = np.asarray(v_commanded, dtype=np.float64)
-        accelerations = np.asarray(a_commanded, dtype=np.float64)
-        if self._soft_limits is not None:
-            goal, speeds, accelerations = self._soft_limits.held(goal, speeds, accelerations)
-        direction = self._friction.step(speeds.tolist(), max(elapsed_s, 0.0))
-        feed_forward = self.model.feed_forward(goal, speeds, accelerations, direction)
+        velocity = np.asarray(v_commanded, dtype=np.float64)
+        acceleration = np.asarray(a_commanded, dtype=np.float64)
+        if self._soft_limits is None:
+            speeds = velocity.tolist()
+        else:
+            goal, velocity, acceleration = self._soft_limits.held(goal, velocity, acceleration)
+            speeds = self._soft_limits.speeds
+        direction = self._friction.step(speeds, max(elapsed_s, 0.0))
+        feed_forward = self.model.feed_forward(goal, velocity, acceleration, direction)
         if elapsed_s > 0.0:
             self._sample_ns = sample_ns
-            self._step(q, np.subtract(goal, q), speeds, feed_forward, elapsed_s)
+            self._step(q, goal, speeds, feed_forward, elapsed_s)
         torque = np.array([joint.torque for joint in self._joints])
         self.feedback_Nm = torque - feed_forward
         return torque
 
     def _step(
-        self, q: FloatArray, error: FloatArray, v_commanded: FloatArray, feed_forward: FloatArray, elapsed_s: float
+        self, q: FloatArray, goal: FloatArray, speeds: list[float], feed_forward: FloatArray, elapsed_s: float
     ) -> None:
-        errors = error.tolist()
-        speeds = v_commanded.tolist()
         share = self._filter_rad_s * elapsed_s
-        feedback = np.array(
-            [
-                joint.feedback(position, e, v, elapsed_s, share)
-                for joint, position, e, v in zip(self._joints, q.tolist(), errors, speeds, strict=True)
-            ]
-        )
+        errors, pressing, growing = [], [], []
+        for joint, position, wanted, speed in zip(self._joints, q.tolist(), goal.tolist(), speeds, strict=True):
+            error = wanted - position
+            errors.append(error)
+            pressing.append(joint.feedback(position, error, speed, elapsed_s, share))
+            growing.append(joint.ki * error * elapsed_s)
+        feedback = np.array((pressing, growing))
         if self._scaled_by_inertia:
-            feedback = self.model.mass_matrix(q).dot(feedback)
+            feedback = self.model.torque_of(q, feedback.T).T
+        pressing, growing = feedback.tolist()
         saturated = False
-        for joint, forward, (torque, growth), e, v in zip(
-            self._joints, feed_forward.tolist(), feedback.tolist(), errors, speeds, strict=True
+        for joint, forward, torque, growth, error, speed in zip(
+            self._joints, feed_forward.tolist(), pressing, growing, errors, speeds, strict=True
         ):
-            saturated |= joint.apply(forward, torque, growth, e, v, elapsed_s)
+            saturated |= joint.apply(forward, torque, growth, error, speed, elapsed_s)
         self.saturated = saturated
 
 
@@ -196,15 +199,13 @@ class _Joint:
         self.lag = 0.0
         self.rested_s = 0.0
 
-    def feedback(
-        self, position: float, error: float, v_commanded: float, elapsed_s: float, share: float
-    ) -> tuple[float, float]:
-        """Proportional and derivative part, and growth of the integral; `share` is ω T of the filter."""
+    def feedback(self, position: float, error: float, v_commanded: float, elapsed_s: float, share: float) -> float:
+        """Proportional and derivative part; `share` is ω T of the filter."""
         rate = (position - self.last_position) / elapsed_s
         self.last_position = position
         self.velocity = (self.velocity + share * rate) / (1.0 + share)
         self.lag = (self.lag + share * (v_commanded - rate)) / (1.0 + share)
-        return self.kp * error + self.kd * self.lag, self.ki * error * elapsed_s
+        return self.kp * error + self.kd * self.lag
 
     def apply(
         self, forward: float, feedback: float, growth: float, error: float, v_commanded: float, elapsed_s: float

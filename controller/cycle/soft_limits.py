@@ -38,13 +38,14 @@ class SoftLimits:
             zip(limits.lower_rad.tolist(), limits.upper_rad.tolist(), (braking * period_s).tolist(), strict=True)
         )
         self._angles = [0.0] * len(self._joints)
-        self._speeds = [0.0] * len(self._joints)
+        self.speeds = [0.0] * len(self._joints)
+        """Of the command last passed on (7, rad/s)."""
         self._apart: list[int] = []
         """Joints whose guarded command is not where it is wanted."""
 
     def reset(self, q: list[float]) -> None:
         """Begin at rest at the joint angles `q` (7), inside or outside."""
-        self._angles, self._speeds, self._apart = q, [0.0] * len(q), []
+        self._angles, self.speeds, self._apart = q, [0.0] * len(q), []
 
     def held(self, q: FloatArray, v: FloatArray, a: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The command's position, velocity and acceleration (7) of this period, braked where it runs into a limit.
@@ -52,25 +53,28 @@ class SoftLimits:
         Where nothing is in the way, the arrays themselves. NaN is passed on.
         """
         angles, speeds = q.tolist(), v.tolist()
-        free = all(lower < angle < upper for (lower, upper), angle in zip(self._free, angles, strict=True))
-        if not free or self._apart:
+        free = not self._apart
+        for angle, (lower, upper) in zip(angles, self._free, strict=True):
+            if not lower < angle < upper:
+                free = False
+        if not free:
             q, v, a = q.copy(), v.copy(), a.copy()
             apart = []
             for joint, angle in enumerate(angles):
                 guarded, speed = self._guarded(joint, angle)
                 if guarded != angle:
                     apart.append(joint)
-                    a[joint] = (speed - self._speeds[joint]) / self._period_s
+                    a[joint] = (speed - self.speeds[joint]) / self._period_s
                     q[joint] = angles[joint] = guarded
                     v[joint] = speeds[joint] = speed
             self._apart = apart
-        self._angles, self._speeds = angles, speeds
+        self._angles, self.speeds = angles, speeds
         return q, v, a
 
     def _guarded(self, joint: int, angle: float) -> tuple[float, float]:
         """Where this joint's command may be now, and its speed; `angle` itself where that is allowed."""
         lower, upper, change = self._joints[joint]
-        before, speed_before = self._angles[joint], self._speeds[joint]
+        before, speed_before = self._angles[joint], self.speeds[joint]
         period_s = self._period_s
         wanted = (angle - before) / period_s
         if joint in self._apart and abs(angle - before) > _CAUGHT_UP_RAD:
