@@ -122,6 +122,7 @@ class Cycle:
         """Processor time of the last period."""
         self._idle_deadline_ns: int | None = None
         self._left_active = False
+        self._has_read = False
         self._outcomes: list[Outcome] = parts.grasping.outcomes
 
     def start(self) -> None:
@@ -138,6 +139,7 @@ class Cycle:
         """One period: ask for positions, think while they travel, check them, send torques."""
         began_ns = self._processor_time_ns()
         now_ns = self.pacer.begin()
+        self._has_read = False
         asked = self._on_bus(self._parts.arm.request_positions)
         self._listen(now_ns)
         self._grasp(now_ns)
@@ -193,6 +195,7 @@ class Cycle:
     def _attend(self) -> None:
         """A period without the arm."""
         now_ns = self.pacer.begin()
+        self._has_read = False
         self._listen(now_ns)
         self._grasp(now_ns)
         self._tell(now_ns)
@@ -236,6 +239,7 @@ class Cycle:
         """Positions of this period, and whether all is plausible."""
         parts = self._parts
         self._sample = sample = parts.arm.collect_positions(now_ns + self._reply_ns)
+        self._has_read = True
         supervision = self._supervision
         supervision.ask(self.number, sample)
         silent = parts.safety.replies(sample.complete) is not Reason.NONE
@@ -350,4 +354,6 @@ class Cycle:
         """Events of this period and one record of all that was seen and commanded."""
         if self._outcomes:
             self._tell_outcomes()
-        self._record.write(self._sample, self._hand, self._hand_sample_ns, self._torque, self._governor, now_ns)
+        sample = self._sample
+        replies = sample.replies if sample is not None and self._has_read else 0
+        self._record.write(sample, replies, self._hand, self._hand_sample_ns, self._torque, self._governor, now_ns)

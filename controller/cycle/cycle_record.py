@@ -32,13 +32,15 @@ class CycleRecorder:
     def write(
         self,
         sample: ArmSample | None,
+        replies: int,
         hand: HandState | None,
         hand_sample_ns: int,
         torque_Nm: NDArray[np.float64],
         governor: float,
         now_ns: int,
     ) -> None:
-        """Send the record of the period that began at `now_ns`."""
+        """Send the record of the period that began at `now_ns`. `sample`: the last one; `replies`: good positions of
+        this period."""
         cycle, parts = self._cycle, self._parts
         motion, grasping = parts.motion, parts.grasping
         reading = grasping.reading
@@ -73,7 +75,7 @@ class CycleRecorder:
                 0 if reading is None else STATUS_NUMBERS[reading.status],
                 *(_NO_HAND if hand is None else (*hand.excursion_m, *hand.tension_N)),
                 0.0 if hand is None else (now_ns - hand_sample_ns) * 1e-3,
-                0 if sample is None else sample.replies,
+                replies,
             ),
             now_ns,
         )
