@@ -2,7 +2,7 @@
 
 What is measured on the arm goes into the arm's own file, which robot.toml names as `[arm] own_file` and which is laid
 over the packaged `drivers/wam/wam7.toml`. Prompts and notes go to standard error, results to standard output.
-Source: design 6; WAM reference 4.4. `gravity` has a file of its own, `gravity_command.py`.
+Source: design 6; WAM reference 4.4. `gravity` and `tactile` have files of their own, `*_command.py`.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import typer
 from controller.calibration_options import AsJson, Config, OwnFile, await_enter, own_file, say
 from controller.config import load_config
 from controller.gravity_command import GRAVITY_EXAMPLES, gravity
+from controller.tactile_command import TACTILE_EXAMPLE, tactile
 from drivers.clock import MonotonicClock
 from drivers.errors import InputError
 from drivers.wam.bus import open_can
@@ -85,6 +86,7 @@ def zero(
 
 
 app.command(epilog=GRAVITY_EXAMPLES)(gravity)
+app.command(epilog=TACTILE_EXAMPLE)(tactile)
 
 
 def changes_of(found: ZeroCalibration) -> dict[str, object]:

@@ -17,6 +17,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
+from calibration.tactile_file import Cells
 from calibration.toml_files import FieldError, from_document, load_document, merged
 from controller.pose import Pose
 from drivers.dynamixel.control_tables import MODELS, model_by_name
@@ -196,6 +197,33 @@ class Compensation(_Table, frozen=True):
     jerk_rad_s3: Annotated[float, Meta(gt=0, le=100000)]
 
 
+class Tactile(_Table, frozen=True):
+    """Tactile pads; without this table there are none, and no process for them.
+
+    `channel`: with "usb" the bridge's serial number, which may be empty where there is one bridge only; with "socket"
+    the path of a simulated one. Cells are [row, column]. `own_file`: what `stillgrasp calibrate tactile` wrote; without
+    one newtons are rough.
+    """
+
+    interface: Literal["usb", "socket"]
+    right_cells: Cells
+    left_cells: Cells
+    channel: str = ""
+    period_s: Annotated[float, Meta(ge=0.004, le=0.05)] = 0.008
+    touch_N: Annotated[float, Meta(gt=0, le=10)] = 0.15
+    release_N: Annotated[float, Meta(gt=0, le=10)] = 0.07
+    own_file: Text | None = None
+
+    def __post_init__(self) -> None:
+        if not self.release_N < self.touch_N:
+            raise FieldError("release_N", f"less than touch_N = {self.touch_N}")
+        if self.interface == "socket" and not self.channel:
+            raise FieldError("channel", "the path of the simulated bridge's socket")
+        cells = (*self.right_cells, *self.left_cells)
+        if len(set(cells)) != len(cells):
+            raise FieldError("left_cells", "cells that are named once, and not under right_cells")
+
+
 class Squeeze(_Table, frozen=True):
     """Tendon load cap and the default winding profile (tendon excursion, m)."""
 
@@ -261,6 +289,7 @@ class RobotConfig(_Table, frozen=True):
     front: Front
     tables: Tables
     recorder: Recording
+    tactile: Tactile | None = None
 
     @property
     def T_world_base(self) -> NDArray[np.float64]:

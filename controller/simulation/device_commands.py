@@ -1,4 +1,4 @@
-"""`stillgrasp simulate wam|dynamixel`: one simulated device alone, for any other client of its bus."""
+"""`stillgrasp simulate wam|dynamixel|takktile`: one simulated device alone, for any other client of its bus."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from controller.service.stop_requests import StopRequests
 from controller.simulation.device_loop import DeviceLoop, HasFileno
 from controller.simulation.pendant_lines import PendantLines
 from controller.simulation.stepped_clock import SteppedClock
+from controller.simulation.takktile_command import TAKKTILE_EXAMPLE, takktile
 from drivers.clock import nanoseconds
 from drivers.dynamixel.control_tables import MODELS, XM430_W350, model_by_name
 from drivers.errors import InputError
@@ -193,6 +194,9 @@ def dynamixel(
         stack.callback(pty.close)
         loop = DeviceLoop(clock, advance, [pty], pty.filenos, _say)
         _run(loop, clock, stop, partial(_tell, {"port": str(pty.link or pty.port)}, as_json))
+
+
+app.command(epilog=TAKKTILE_EXAMPLE)(takktile)
 
 
 def _run(

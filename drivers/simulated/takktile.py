@@ -49,11 +49,13 @@ class RequestStalled(Exception):  # noqa: N818 - the bus' own word for a refusal
 
 @dataclass(frozen=True)
 class SimulatedCell:
-    """A barometer under rubber: it feels `counts_per_N` for each newton of its finger (0 right, 1 left)."""
+    """A barometer under rubber: `counts_per_N` of a force right above it; it bears `share` of its finger's (0 right, 1
+    left)."""
 
     cell: Cell
     finger: int
-    counts_per_N: float = COUNTS_PER_N / CELLS_PER_FINGER
+    counts_per_N: float = COUNTS_PER_N
+    share: float = 1.0 / CELLS_PER_FINGER
     coefficients: bytes = TYPICAL_COEFFICIENTS
     counts_per_K: float = 0.0
     """Of trapped gas and rubber: what the chip's own compensation does not explain."""
@@ -84,6 +86,8 @@ class SimulatedTakktile:
         self.requests: list[tuple[int, int, int]] = []
         """Everything that was asked: request, wValue, wIndex."""
         self.unplugged = False
+        self.pressed_N: dict[Cell, float] = {}
+        """Forces right above single cells, beside those of the fingers: weights on a pad."""
         self._force_N = force_N
         self._temperature_C = temperature_C
         self._ambient_kPa = ambient_kPa
@@ -171,7 +175,8 @@ class SimulatedTakktile:
         ):
             temperature = _count(_TEMPERATURE_AT_25 + COUNTS_PER_KELVIN * (temperature_C - 25.0) + noise_temperature)
             counts = (self._ambient_kPa - LOWEST_KPA) / KPA_PER_COUNT
-            counts += cell.counts_per_N * force_N[cell.finger] + cell.counts_per_K * (temperature_C - 25.0)
+            load_N = cell.share * force_N[cell.finger] + self.pressed_N.get(cell.cell, 0.0)
+            counts += cell.counts_per_N * load_N + cell.counts_per_K * (temperature_C - 25.0)
             # What the converter sees does not know the temperature word's own noise.
             pressure = raw_pressure(coefficients, counts, temperature - noise_temperature)
             readings.append(RawCell(_count(pressure + noise_pressure), temperature))

@@ -32,15 +32,16 @@ def read_flat_toml(file: Path) -> dict[str, Any]:
         raise ConfigurationError(file, "file", str(error), "a readable TOML file") from error
 
 
-def write_own_file(file: Path, changes: Mapping[str, object]) -> None:
+def write_own_file(file: Path, changes: Mapping[str, object], *, header: str = _HEADER) -> None:
     """Lay `changes` over the keys of `file`, which need not exist yet; all or nothing.
 
-    Values are numbers, strings, or lists of them, nested at will. Raises ConfigurationError if an existing file is not
-    TOML, and InputError if the new one cannot be written: the old one then stands as it was.
+    Values are numbers, strings, or lists of them, nested at will; `header` is the comment at its top. Raises
+    ConfigurationError if an existing file is not TOML, and InputError if the new one cannot be written: the old one
+    then stands as it was.
     """
     before = read_flat_toml(file) if file.exists() else {}
     lines = [f"{key} = {_written(key, value)}\n" for key, value in {**before, **changes}.items()]
-    text = f"{_HEADER}\n{''.join(lines)}"
+    text = f"{header}\n{''.join(lines)}"
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         if before:
@@ -48,7 +49,7 @@ def write_own_file(file: Path, changes: Mapping[str, object]) -> None:
         _replace(file, text.encode())
     except OSError as error:
         raise InputError(
-            f"{file}: the arm's own file cannot be written ({error.strerror or error}).",
+            f"{file}: this file cannot be written ({error.strerror or error}).",
             help="Name a file in a directory that is yours.",
         ) from error
 

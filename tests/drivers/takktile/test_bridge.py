@@ -126,7 +126,7 @@ def test_wrong_answers_are_refused(request_: Request, answer: bytes, words: str)
 def test_a_sixth_column_keeps_its_place() -> None:
     """Where a flat index of five a row slips, cells by row and column do not (reference 3)."""
     forces = [0.0, 0.0]
-    cells = [SimulatedCell(Cell(0, c), 0, counts_per_N=10.0) for c in range(6)] + [SimulatedCell(Cell(1, 0), 1)]
+    cells = [SimulatedCell(Cell(0, c), 0, share=0.1) for c in range(6)] + [SimulatedCell(Cell(1, 0), 1)]
     bridge, clock = bridge_of(SimulatedTakktile(lambda: forces, cells, noise_counts=0.0))
     bridge.start(0.01)
     before = bridge.read(clock.now_ns() + nanoseconds(0.1))

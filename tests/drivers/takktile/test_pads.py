@@ -62,7 +62,7 @@ def test_a_dead_cell_is_left_out_and_told(make_strip: MakeStrip) -> None:
 def test_a_saturated_cell_does_not_count(make_strip: MakeStrip) -> None:
     """One cell at its converter's end under a finger nail: the others go on."""
     cells = list(two_fingers())
-    cells[2] = SimulatedCell(cells[2].cell, 0, counts_per_N=2000.0)
+    cells[2] = SimulatedCell(cells[2].cell, 0, counts_per_N=16000.0)
     strip = make_strip(cells=cells).tared()
     strip.force_N[0] = 2.0
     sample = strip.run(0.1)[-1]

@@ -57,7 +57,7 @@ def test_values_that_do_not_belong_there_change_nothing(tmp_path: Path, bad: obj
 
 def test_a_place_where_nothing_can_be_written_is_named(tmp_path: Path) -> None:
     """Protects the operator who has just measured: the error says which file and why, and the old one stands."""
-    with pytest.raises(InputError, match=r"arm\.toml: the arm's own file cannot be written"):
+    with pytest.raises(InputError, match=r"arm\.toml: this file cannot be written"):
         write_own_file(Path(os.devnull) / "arm.toml", {"home_rad": ANGLES})
 
 
