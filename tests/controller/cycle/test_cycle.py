@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 
 import can
 import numpy as np
@@ -330,9 +331,7 @@ def test_a_refused_set_point_is_told_as_such(rig: Rig) -> None:
     sample_ns = rig.clock.now_ns()
     rig.tell_hand(OPEN, sample_ns)
     rig.run(1)
-    refused = HandState(
-        OPEN.excursion_m, OPEN.rate_m_s, OPEN.tension_N, OPEN.current_A, HandMode.TRACK, HandFault.REFUSED
-    )
+    refused = replace(OPEN, mode=HandMode.TRACK, fault=HandFault.REFUSED)
     for _ in range(100):
         rig.tell_hand(refused, sample_ns)
         rig.run(1)
