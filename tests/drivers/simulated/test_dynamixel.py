@@ -6,7 +6,6 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 import pytest
 from dynamixel_sdk import GroupSyncRead, GroupSyncWrite, PacketHandler, PortHandler
@@ -23,63 +22,7 @@ from drivers.simulated import dynamixel_packets as packets
 from drivers.simulated.dynamixel import SimulatedMotors, SimulatedMotorSettings
 from drivers.simulated.serial_lines import MemoryLine, PtyServer
 from drivers.simulated.spring_tendons import SpringTendons
-
-MILLISECOND = 1_000_000
-
-
-@dataclass
-class HeldShafts:
-    """Two shafts that something holds at given angles and speeds; keeps the torque put on them."""
-
-    angle_rad: list[float] = field(default_factory=lambda: [0.0, 0.0])
-    velocity_rad_s: list[float] = field(default_factory=lambda: [0.0, 0.0])
-    torque_Nm: list[float] = field(default_factory=lambda: [0.0, 0.0])
-
-    def shaft_angle_rad(self, motor: int) -> float:
-        return self.angle_rad[motor]
-
-    def shaft_velocity_rad_s(self, motor: int) -> float:
-        return self.velocity_rad_s[motor]
-
-    def set_shaft_torque_Nm(self, motor: int, torque: float) -> None:
-        self.torque_Nm[motor] = torque
-
-
-class Bench:
-    """Motors 1 and 2 on held shafts, spoken to in registers and in hex."""
-
-    def __init__(self) -> None:
-        self.shafts = HeldShafts()
-        self.sim = SimulatedMotors(self.shafts, (SimulatedMotorSettings(1), SimulatedMotorSettings(2)))
-        self.now_ns = 0
-
-    def say(self, request: str) -> bytes:
-        """The answer to a request given in hex."""
-        return self.sim.receive(bytes.fromhex(request), self.now_ns)
-
-    def write(self, motor_id: int, name: str, value: int) -> int:
-        """Write a register by a packet; the status's error byte."""
-        register = XM430_W350.registers[name]
-        data = (value & ((1 << 8 * register.size) - 1)).to_bytes(register.size, "little")
-        request = packets.pack_instruction(motor_id, 0x03, register.address.to_bytes(2, "little") + data)
-        return self.sim.receive(request, self.now_ns)[8]
-
-    def read(self, motor_id: int, name: str) -> int:
-        """Read a register by a packet."""
-        register = XM430_W350.registers[name]
-        parameters = register.address.to_bytes(2, "little") + register.size.to_bytes(2, "little")
-        reply = self.sim.receive(packets.pack_instruction(motor_id, 0x02, parameters), self.now_ns)
-        assert reply[8] & 0x7F == 0
-        return register.decode(packets.unstuff(reply[7:-2])[2:])
-
-    def drive(self, motor_id: int, mode: int, **registers: int) -> None:
-        """Switch on in a mode with some registers set after it."""
-        for name, value in {"operating_mode": mode, **registers, "torque_enable": 1}.items():
-            assert self.write(motor_id, name, value) == 0
-
-    def control(self, duration_ns: int = MILLISECOND) -> None:
-        self.now_ns += duration_ns
-        self.sim.control(self.now_ns, duration_ns * 1e-9)
+from tests.drivers.simulated.motor_bench import MILLISECOND, Bench, HeldShafts
 
 
 @pytest.fixture
