@@ -317,6 +317,13 @@ CYCLE_RECORD: Final = RecordLayout(
         ("hand_excursion_m", 2),
         ("hand_tension_N", 2),
         ("hand_age_us", 1),
+        ("hand_effort", 2),
+        ("hand_tension_uncertainty_N", 2),
+        ("hand_temperature_C", 2),
+        ("hand_voltage_V", 2),
+        ("hand_derating", 2),
+        ("hand_read_rate_hz", 1),
+        ("hand_fault", 1),
         ("can_replies", 1),
     )
 )

@@ -20,6 +20,7 @@ if TYPE_CHECKING:  # the cycle makes its recorder itself
 _NO_JOINTS = (0.0,) * 7
 _NO_READING = (0.0,) * 4
 _NO_HAND = (0.0,) * 4
+_NO_MOTORS = (0.0,) * 12
 
 
 class CycleRecorder:
@@ -75,7 +76,21 @@ class CycleRecorder:
                 0 if reading is None else STATUS_NUMBERS[reading.status],
                 *(_NO_HAND if hand is None else (*hand.excursion_m, *hand.tension_N)),
                 0.0 if hand is None else (now_ns - hand_sample_ns) * 1e-3,
+                *(_NO_MOTORS if hand is None else _motors(hand)),
                 replies,
             ),
             now_ns,
         )
+
+
+def _motors(hand: HandState) -> tuple[float, ...]:
+    """What the tendon motors say of themselves."""
+    return (
+        *hand.effort,
+        *hand.tension_uncertainty_N,
+        *hand.temperature_C,
+        *hand.voltage_V,
+        *hand.derating,
+        hand.read_rate_hz,
+        hand.fault,
+    )

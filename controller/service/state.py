@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from controller.cycle.grasp_state import ArmState, GraspPhase, HandStatus
-from controller.messages import CompensationIndex, Reason
+from controller.messages import CompensationIndex, HandFault, Reason
 from controller.reasons import EXPLANATIONS
 
 Record = Mapping[str, float | list[float]]
@@ -28,7 +28,14 @@ def state_map(record: Record) -> dict[str, Any]:
             "state": HandStatus(_integer(record, "hand_state")).name.lower(),
             "excursion_m": record["hand_excursion_m"],
             "tension_N": record["hand_tension_N"],
+            "tension_uncertainty_N": record["hand_tension_uncertainty_N"],
             "age_us": record["hand_age_us"],
+            "effort": record["hand_effort"],
+            "temperature_C": record["hand_temperature_C"],
+            "voltage_V": record["hand_voltage_V"],
+            "derating": record["hand_derating"],
+            "read_rate_hz": record["hand_read_rate_hz"],
+            "faults": [str(fault.name).lower() for fault in HandFault if _integer(record, "hand_fault") & fault],
         },
         "grasp": {
             "phase": GraspPhase(_integer(record, "grasp_phase")).name.lower(),

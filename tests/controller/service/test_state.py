@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from controller.cycle.grasp_state import ArmState, GraspPhase, HandStatus
-from controller.messages import CYCLE_RECORD, CompensationIndex, Reason
+from controller.messages import CYCLE_RECORD, CompensationIndex, HandFault, Reason
 from controller.reasons import EXPLANATIONS
 from controller.service.state import Record, state_map
 from controller.service.telemetry import encode_state
@@ -31,6 +31,8 @@ def test_numbers_keep_their_places() -> None:
     assert state["arm"]["wrist_target_xyz_m"] == seen["wrist_xyz_m"]
     assert state["arm"]["wrist_plan_xyz_m"] == seen["wrist_plan_xyz_m"]
     assert state["hand"]["tension_N"] == seen["hand_tension_N"]
+    assert state["hand"]["temperature_C"] == seen["hand_temperature_C"]
+    assert state["hand"]["read_rate_hz"] == seen["hand_read_rate_hz"]
     assert state["compensation"]["offset"] == seen["offset"]
     assert state["compensation"]["offset_target"] == seen["offset_target"]
     assert state["cycle"]["number"] == 123456
@@ -48,6 +50,13 @@ def test_states_are_told_by_name(phase: GraspPhase) -> None:
             assert state["hand"]["state"] == "gripping"
             assert state["grasp"]["phase"] == phase.name.lower()
             assert state["compensation"]["index"] == index.name.lower()
+
+
+def test_what_is_wrong_with_the_hand_is_told_by_names() -> None:
+    """Several things at once: each by its name, none where nothing is wrong."""
+    faults = HandFault.TORQUE_LOST | HandFault.RESTARTED
+    assert state_map(record(hand_fault=faults))["hand"]["faults"] == ["torque_lost", "restarted"]
+    assert state_map(record(hand_fault=0))["hand"]["faults"] == []
 
 
 @pytest.mark.parametrize("reason", Reason)
