@@ -73,6 +73,9 @@ class SimulatedMotor:
         self._values["baud_rate"] = _baud_code(model, baud)
         if firmware is not None:
             self._values["firmware"] = firmware
+        self._position_range = _range(model, "present_position")
+        self._velocity_range = _range(model, "present_velocity")
+        self._effort_range = _range(model, model.effort_register)
         self._loop = InnerLoop(self.electrics, float(model.full_pwm))
         self._noise_counts = noise_counts
         self._random = random.Random(f"{seed}/{motor_id}")
@@ -270,8 +273,8 @@ class SimulatedMotor:
             effort = output / model.full_pwm / model.effort_unit
         if self._noise_counts and self.powered:
             effort += self._random.gauss(0.0, self._noise_counts)
-        register = model.registers[model.effort_register]
-        values[model.effort_register] = max(register.minimum, min(register.maximum, round(effort)))
+        lowest, highest = self._effort_range
+        values[model.effort_register] = max(lowest, min(highest, round(effort)))
         if "present_pwm" in values:
             values["present_pwm"] = round(output)
             trajectory = self._loop.trajectory
@@ -320,18 +323,19 @@ class SimulatedMotor:
     def _measure(self, angle_rad: float, velocity_rad_s: float) -> None:
         self._angle_rad = angle_rad
         values, model = self._values, self.model
-        register = model.registers["present_position"]
         position = self._position_ticks()
         if model.protocol == 1:
             if is_multi_turn(model, values):
                 position = position // values["resolution_divider"] + values["multi_turn_offset"]
             elif "multi_turn_offset" in values:
                 position %= model.ticks_per_revolution
-        values["present_position"] = max(register.minimum, min(register.maximum, position))
+            lowest, highest = self._position_range
+            position = max(lowest, min(highest, position))
+        values["present_position"] = position
         velocity = round(velocity_rad_s / model.velocity_unit_rad_s)
-        register = model.registers["present_velocity"]
-        values["present_velocity"] = max(register.minimum, min(register.maximum, velocity))
-        values["moving"] = 1 if abs(velocity) > values.get("moving_threshold", 0) else 0
+        lowest, highest = self._velocity_range
+        values["present_velocity"] = max(lowest, min(highest, velocity))
+        values["moving"] = 1 if abs(velocity) > self._moving_threshold else 0
 
     def _clipped_goal(self) -> int:
         register = self.model.registers["goal_position"]
@@ -384,12 +388,18 @@ class SimulatedMotor:
         """Work out once per change what the inner loop needs at every step."""
         values, model = self._values, self.model
         self._sign = -1 if values.get("drive_mode", 0) & REVERSE else 1
+        self._moving_threshold = values.get("moving_threshold", 0)
         self._order: Order | None = None
         if model.protocol == 2:
             if values["torque_enable"]:
                 self._order = order_of_protocol_2(model, values, self._held_ticks, self._timed)
         elif values["torque_enable"] and values["torque_limit"]:
             self._order = order_of_protocol_1(model, values)
+
+
+def _range(model: MotorModel, name: str) -> tuple[int, int]:
+    register = model.registers[name]
+    return register.minimum, register.maximum
 
 
 def _baud_code(model: MotorModel, baud: int) -> int:

@@ -1,22 +1,14 @@
 """Simulated motors: worked packets, refusals, the vendor's SDK as a client, and the inner loop against mechanics."""
 
-import json
 import math
 import os
-import subprocess
-import sys
-from collections.abc import Iterator
 
 import pytest
-from dynamixel_sdk import GroupSyncRead, GroupSyncWrite, PacketHandler, PortHandler
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.clock import MonotonicClock, VirtualClock
-from drivers.dynamixel.byte_line import SerialLine
+from drivers.clock import VirtualClock
 from drivers.dynamixel.control_tables import XM430_W350
-from drivers.dynamixel.port import WaitingPort
-from drivers.dynamixel.tendons import MotorSettings, TendonPair, TendonSetPoint
 from drivers.errors import InputError
 from drivers.simulated import dynamixel_packets as packets
 from drivers.simulated.dynamixel import SimulatedMotors, SimulatedMotorSettings
@@ -264,97 +256,6 @@ def test_impossible_settings_are_refused() -> None:
         SimulatedMotors(HeldShafts(), (SimulatedMotorSettings(1), SimulatedMotorSettings(1)))
     with pytest.raises(InputError, match="direction"):
         SimulatedMotorSettings(1, direction=0)
-
-
-SERVER = """
-import json, select, sys
-from drivers.clock import MonotonicClock
-from drivers.simulated.dynamixel import SimulatedMotors, SimulatedMotorSettings
-from drivers.simulated.serial_lines import PtyServer
-from drivers.simulated.spring_tendons import SpringTendons
-clock, springs = MonotonicClock(), SpringTendons()
-sim = SimulatedMotors(springs, (SimulatedMotorSettings(1, 1000), SimulatedMotorSettings(2, 2000)))
-server = PtyServer(sim, clock)
-print(json.dumps({"port": server.port}), flush=True)
-plant_ns = clock.now_ns()
-while True:
-    while plant_ns < clock.now_ns():
-        sim.control(plant_ns, 0.001)
-        springs.step(0.001)
-        plant_ns += 1_000_000
-    due_ns = min(plant_ns, server.next_due_ns() or plant_ns)
-    readable, _, _ = select.select([server, sys.stdin], [], [], max(0.0, (due_ns - clock.now_ns()) * 1e-9))
-    if sys.stdin in readable:
-        break
-    server.step()
-server.close()
-"""
-
-
-@pytest.fixture
-def served_port() -> Iterator[str]:
-    """Simulated motors 1 and 2 behind a pty, in a process of their own: the SDK's busy loop would starve a thread."""
-    with subprocess.Popen(
-        [sys.executable, "-c", SERVER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdin is not None
-        assert process.stdout is not None
-        yield json.loads(process.stdout.readline())["port"]
-        process.stdin.close()
-        assert process.wait() == 0
-
-
-def test_unmodified_sdk_is_a_client(served_port: str) -> None:
-    """The vendor's own SDK, its port included, finds, sets up, moves and reads the simulated motors."""
-    port, handler = PortHandler(served_port), PacketHandler(2.0)
-    assert port.openPort()
-    assert port.setBaudRate(57600)  # closes and opens again: the pty must survive it
-    assert handler.ping(port, 1)[1] == -3001  # the motors are set to 1 Mbit/s
-    assert port.setBaudRate(1_000_000)
-    assert handler.ping(port, 1) == (1020, 0, 0)
-    assert handler.ping(port, 9)[1] == -3001
-    for motor_id in (1, 2):
-        assert handler.write1ByteTxRx(port, motor_id, 11, 5) == (0, 0)
-        assert handler.write2ByteTxRx(port, motor_id, 102, 300) == (0, 0)
-        assert handler.write1ByteTxRx(port, motor_id, 64, 1) == (0, 0)
-    goals = GroupSyncWrite(port, handler, 116, 4)
-    goals.addParam(1, list((1100).to_bytes(4, "little")))
-    goals.addParam(2, list((2200).to_bytes(4, "little")))
-    assert goals.txPacket() == 0
-    block = GroupSyncRead(port, handler, 126, 10)
-    for motor_id in (1, 2):
-        block.addParam(motor_id)
-    for _ in range(300):
-        assert block.txRxPacket() == 0
-        positions = [block.getData(motor_id, 132, 4) for motor_id in (1, 2)]
-        if positions[0] > 1090 and positions[1] > 2180:
-            break
-    else:
-        pytest.fail(f"motors did not reach their goals, but {positions}")
-    assert block.fastSyncRead() == 0
-    assert handler.write1ByteTxRx(port, 1, 11, 3) == (0, 7)
-    assert handler.read1ByteTxRx(port, 1, 11) == (5, 0, 0)
-    port.closePort()
-
-
-def test_driver_works_in_real_time(served_port: str) -> None:
-    """The whole real path, serial line, select and monotonic clock; margins wide for a busy machine."""
-    clock = MonotonicClock()
-    port = WaitingPort(SerialLine(served_port, 1_000_000), clock, reply_margin_s=0.5)
-    settings = (
-        MotorSettings(motor_id=1, tightening_sign=1, zero_ticks=1000, watchdog_s=0),
-        MotorSettings(motor_id=2, tightening_sign=1, zero_ticks=2000, watchdog_s=0),
-    )
-    pair = TendonPair(port, clock, settings)
-    pair.start()
-    for _ in range(3000):
-        sample = pair.exchange(TendonSetPoint((0.003, 0.004), (50.0, 50.0)))
-        if sample.excursion_m == pytest.approx((0.003, 0.004), abs=3e-4):
-            break
-    else:
-        pytest.fail(f"tendons did not reach their set-point: {sample}")
-    pair.stop(release=True)
-    port.close()
 
 
 def test_pty_leaves_nothing() -> None:
