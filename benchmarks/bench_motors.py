@@ -57,8 +57,8 @@ def main(arguments: list[str] | None = None) -> None:
 def measure(model: MotorModel, baud: int, duration_s: float) -> dict[str, Any]:
     """All figures of one model."""
     with simulated(model, baud) as path:
-        figures = {"model": model.name, "baud": baud, "driver": driver(path, baud, duration_s)}
-        figures["driver_at_400_hz"] = driver(path, baud, duration_s, period_ns=POLL_NS)
+        figures = {"model": model.name, "baud": baud, "driver": driver(path, model, baud, duration_s)}
+        figures["driver_at_400_hz"] = driver(path, model, baud, duration_s, period_ns=POLL_NS)
         figures["sdk"] = vendor_sdk(path, model, duration_s)
     return figures
 
@@ -81,13 +81,14 @@ def simulated(model: MotorModel, baud: int) -> Iterator[str]:
         process.wait()
 
 
-def driver(path: str, baud: int, duration_s: float, period_ns: int = 0) -> dict[str, float]:
+def driver(path: str, model: MotorModel, baud: int, duration_s: float, period_ns: int = 0) -> dict[str, float]:
     """This project's driver: new goals and ceilings out, everything in."""
     clock = MonotonicClock()
     line = SerialLine(path, baud)
     try:
         port = WaitingPort(line, clock, baud=baud, reply_margin_s=max(_SIMULATED_MARGIN_S, reply_margin_s(None)))
-        pair = TendonPair(port, clock, (MotorSettings(IDS[0], 1, 0), MotorSettings(IDS[1], 1, 0)))
+        right, left = (MotorSettings(motor_id, 1, 0, model=model.name) for motor_id in IDS)
+        pair = TendonPair(port, clock, (right, left))
         pair.start()
         exchanges = missed = 0
         start_s, start_cpu_s = time.monotonic(), time.process_time()

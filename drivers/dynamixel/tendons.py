@@ -85,6 +85,14 @@ class TendonPair:
         self._sample = None
         found = find_pair(self._port, self._settings)
         self._bus, self.model = found.bus, found.model
+        if found.model.effort == "load" and not all(settings.model for settings in self._settings):
+            raise DeviceError(
+                "tendon motors",
+                f"are {found.model.name}s, which tell their load and not a current; the load law's unit is not known.",
+                help='State it in robot.toml: tendons.model = "'
+                + found.model.name
+                + '", with the load law of this model (`stillgrasp calibrate motor-load`).',
+            )
         motors = [TendonMotor(found.bus, settings, found.model) for settings in self._settings]
         inspections = [motor.inspect() for motor in motors]
         for motor, inspection in zip(motors, inspections, strict=True):

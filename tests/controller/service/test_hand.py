@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -44,7 +45,8 @@ class Rig:
         self.set_points = LatestSender(self.set_point_link)
         self.states = LatestReader(states)
         line = MemoryLine(self.motors, self.clock)
-        self.pair = TendonPair(WaitingPort(line, self.clock), self.clock, MOTORS)
+        right_motor, left_motor = (replace(motor, model=model.name) for motor in MOTORS)
+        self.pair = TendonPair(WaitingPort(line, self.clock), self.clock, (right_motor, left_motor))
         self.hand = HandPart(self.clock, self.pair, LatestReader(self.set_point_link), LatestSender(states), SETTINGS)
 
     def start(self) -> None:

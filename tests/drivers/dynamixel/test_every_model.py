@@ -41,14 +41,15 @@ class Rig:
         if model.effort == "load":
             law = LoadLaw(electrics.torque_constant_Nm_per_A * full_A, electrics.friction_current_A / full_A)
         zeros = (60, 960) if model is RX_28 else (300, 3800)
-        self.settings = (MotorSettings(3, 1, zeros[0], load_law=law), MotorSettings(1, -1, zeros[1], load_law=law))
+        right = MotorSettings(3, 1, zeros[0], load_law=law, model=model.name)
+        self.settings = (right, MotorSettings(1, -1, zeros[1], load_law=law, model=model.name))
         self.springs = SpringTendons(
             (STIFFNESS_N_PER_M, STIFFNESS_N_PER_M),
             friction_Nm=electrics.gear_friction_Nm,
             inertia_kgm2=electrics.inertia_kgm2,
         )
-        right = SimulatedMotorSettings(3, zeros[0], 1, model)
-        self.motors = SimulatedMotors(self.springs, (right, SimulatedMotorSettings(1, zeros[1], -1, model)))
+        mounted = (SimulatedMotorSettings(3, zeros[0], 1, model), SimulatedMotorSettings(1, zeros[1], -1, model))
+        self.motors = SimulatedMotors(self.springs, mounted)
         self.clock = VirtualClock()
         self.plant_ns = 0
         self.line = MemoryLine(self.motors, self.clock)
@@ -272,3 +273,12 @@ def test_the_read_rate_is_measured() -> None:
     rig = Rig(MX_28)
     rig.pair.start()
     assert rig.run(1.0).read_rate_hz == pytest.approx(100.0, rel=0.05)
+
+
+def test_a_load_law_of_unknown_unit_is_not_used() -> None:
+    """A law in amperes would let an MX-28 pull several times its cap: who has such a hand must say so."""
+    rig = Rig(MX_28)
+    rig.pair = rig.new_pair(model=None)
+    with pytest.raises(DeviceError, match=r'are MX-28s, which tell their load.*tendons.model = "MX-28"'):
+        rig.pair.start()
+    assert rig.torque_on() == [0, 0]
