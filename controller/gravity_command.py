@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -28,6 +29,7 @@ from controller.service.calibrate import CalibrationRun
 from controller.service.state_stream import StateSubscriber
 from drivers.errors import InputError
 from drivers.wam.own_file import write_own_file
+from drivers.wam.parameters import load_wam_parameters
 
 GRAVITY_EXAMPLES = (
     "Examples: stillgrasp calibrate gravity --dry-run; stillgrasp calibrate gravity --config robot.toml; "
@@ -67,6 +69,7 @@ def gravity(
         _tell_plan(plan, as_json)
         return
     file = own_file(robot, output)
+    _check_writable(file)
     if not yes:
         await_enter("the arm will go through all of its reach: clear it of people and things, have E-stop at hand")
     with (
@@ -107,6 +110,18 @@ def identified(
         carried = np.array([loaded.gravity(q) - bare.gravity(q) for q in measured.joint_rad])
     gravity_in_base = robot.T_world_base[:3, :3].T @ np.array([0.0, 0.0, -GRAVITY_M_S2])
     return fit_gravity(measured, gravity_in_base, known, carried)
+
+
+def _check_writable(file: Path) -> None:
+    """Minutes of measuring must not end at a file that cannot take them. Raises ConfigurationError, InputError."""
+    load_wam_parameters(own=file if file.exists() else None)
+    place = file.parent
+    while not place.exists() and place != place.parent:
+        place = place.parent
+    if not (place.is_dir() and os.access(place, os.W_OK)):
+        raise InputError(
+            f"{file}: the arm's own file cannot be written there.", help="Name a file in a directory that is yours."
+        )
 
 
 def _tell_plan(plan: GravityPlan, as_json: bool) -> None:

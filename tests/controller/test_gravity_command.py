@@ -240,11 +240,13 @@ def test_limits_of_the_installation_move_or_refuse_poses(place: Path) -> None:
     [
         (["--yes"], "not said where"),
         (["-o", "{}/arm.toml"], "nobody pressed Enter"),
+        (["-o", "{}/robot.toml", "--yes"], "robot.toml: "),
+        (["-o", "{}/robot.toml/arm.toml", "--yes"], "cannot be written there"),
         (["-o", "{}/arm.toml", "--yes", "--config", "{}/robot.toml"], "No daemon listens"),
     ],
 )
 def test_what_is_missing_is_said(place: Path, arguments: list[str], words: str) -> None:
-    """Protects a hasty user: no file, no operator, no daemon are three different answers; nothing is left behind."""
+    """Protects a hasty user: no file, a wrong one, no operator, no daemon: each has its answer, and nothing moves."""
     result = RUN.invoke(app, ["gravity", *(argument.format(place) for argument in arguments)])
     assert words in str(result.exception)
     assert (place / "arm.toml").read_text() == OWN
