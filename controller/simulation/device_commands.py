@@ -145,8 +145,8 @@ def dynamixel(
     faults: Annotated[
         Path | None, typer.Option(help="Fault script: TOML, or JSON lines (.jsonl).", show_default=False)
     ] = None,
-    supply: Annotated[float, typer.Option(min=0, max=30, help="Supply voltage, V.")] = 12.0,
-    noise: Annotated[float, typer.Option(min=0, max=100, help="Noise of current or load, counts.")] = 1.0,
+    supply: Annotated[float, typer.Option(help="Supply voltage, V.")] = 12.0,
+    noise: Annotated[float, typer.Option(help="Noise of current or load, standard deviation in counts.")] = 1.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
     as_json: AsJson = False,
 ) -> None:
