@@ -119,6 +119,7 @@ class Arm:
         self._requests = [(GROUP_BIT | group, bytes((motors.position_id,))) for group in motors.position_groups]
         limit_units = np.minimum(motors.torque_limit_units, self._parameters.motor_torque_limit_units)
         self._torques = TorquePacking(motors.units_per_Nm, limit_units, motors.torque_id)
+        self._drain()  # what came during start-up says nothing about now
         self._reader.know(found.first_counts, motors.counts_per_turn, self._clock.now_ns(), encoders)
         self.watch.forget(found.safety_firmware, motors.firmware[0])
         self.forget_faults()
@@ -137,18 +138,8 @@ class Arm:
 
     def request_positions(self) -> None:
         """Ask all pucks for their positions; what still waits on the bus is read first, and its positions dropped."""
-        stale = 0
-        now_ns = self._clock.now_ns()
-        receive, notice = self._frames.receive_frame, self.watch.notice
         try:
-            for _ in range(_MOST_FRAMES):
-                frame = receive(now_ns)
-                if frame is None:
-                    break
-                if frame[0] in POSITION_MOTORS:
-                    stale += 1
-                else:
-                    notice(*frame)
+            stale = self._drain()
         except BusError as error:
             self._bus_fault = bus_fault(error)
             raise
@@ -156,10 +147,25 @@ class Arm:
         self._reader.begin(self._request_ns, stale=stale)
         self._ask()
 
+    def _drain(self) -> int:
+        """Read what waits on the bus; the number of positions among it."""
+        stale, now_ns = 0, self._clock.now_ns()
+        receive, notice = self._frames.receive_frame, self.watch.notice
+        for _ in range(_MOST_FRAMES):
+            frame = receive(now_ns)
+            if frame is None:
+                break
+            if frame[0] in POSITION_MOTORS:
+                stale += 1
+            else:
+                notice(*frame)
+        return stale
+
     def collect_positions(self, deadline_ns: int) -> ArmSample:
         """Collect the replies to the last request until all seven are there or `deadline_ns` has come.
 
-        Positions that are missing after the usual time are asked for once more, if there is time for seven replies.
+        Positions that are missing after the usual time are asked for once more, if there is time for seven replies and
+        none has come since.
         """
         reader, asked_ns = self._reader, self._request_ns
         self._clock.sleep_until_ns(min(deadline_ns, asked_ns + _USUAL_READING_NS))
@@ -167,8 +173,12 @@ class Arm:
             again_ns = asked_ns + _LONGEST_READING_NS
             if not self._options.repeat or again_ns + _LONGEST_READING_NS > deadline_ns + _DEADLINE_GRACE_NS:
                 again_ns = deadline_ns
+            self._read(asked_ns + _USUAL_READING_NS)
+            in_time = reader.replies
             self._read(min(again_ns, deadline_ns))
-            if reader.replies < JOINTS and again_ns < deadline_ns:
+            if in_time < reader.replies < JOINTS:
+                self._read(deadline_ns)  # what still comes is late, not lost: a second answer would only come later
+            elif reader.replies < JOINTS and again_ns < deadline_ns:
                 reader.begin_again(self._clock.now_ns())
                 self.repeated_requests += 1
                 self._ask()
