@@ -22,11 +22,14 @@ from drivers.wam.motor_settings import MotorSettings
 from drivers.wam.parameters import JOINTS, WamParameters
 from drivers.wam.properties import property_id
 from drivers.wam.safety_puck import SafetyPuck
-from drivers.wam.transmission import joint_to_motor
+from drivers.wam.transmission import joint_to_motor, motor_to_joint
 from drivers.wam.zeroing import ZeroingPlan, plan_zeroing
 
 VELOCITY_SAMPLES_IGNORED = 5
 _READING_S = 0.05
+_READINGS = 3
+_BEYOND_LIMIT_RAD = 0.3
+"""How far a remembered joint angle may lie outside its range: home does, and joints give way."""
 _AT_HOME_RAD = 0.1
 """How far a joint may be from home for an arm that lost some of its positions to be zeroed there."""
 _MOVED_TURN = 1 / 128
@@ -62,7 +65,9 @@ class Homing:
         remembered = self._safety.get("ZERO") == 1
         self._ignore_velocity()
         if remembered and not woken:
-            return Positions(self.read_positions(), None)
+            counts = self.read_agreeing_positions()
+            self._require_possible(counts)
+            return Positions(counts, None)
         if remembered and len(woken) < JOINTS:
             self._require_home(woken)
         plan = self.plan()
@@ -138,7 +143,7 @@ class Homing:
 
     def _require_home(self, woken: tuple[int, ...]) -> None:
         """An arm that lost some positions is zeroed only if the others say that it stands at home."""
-        counts = self.read_positions()
+        counts = self.read_agreeing_positions()
         home_motor_rad = joint_to_motor(self._parameters.home_rad)
         reach = np.abs(joint_to_motor(np.eye(JOINTS))).sum(axis=1) * _AT_HOME_RAD
         for node in set(MOTOR_NODES) - set(woken):
@@ -149,6 +154,37 @@ class Homing:
                     f"pucks {list(woken)} lost their positions, and motor {node}, which did not, is not at home.",
                     help="Place the arm in its home pose by hand and start again.",
                 )
+
+    def _require_possible(self, counts: tuple[int, ...]) -> None:
+        """What the pucks remember is a pose that the arm can have."""
+        parameters = self._parameters
+        joint_rad = motor_to_joint(np.array(counts) * 2.0 * np.pi / np.array(self._motors.counts_per_turn))
+        beyond = np.maximum(parameters.joint_lower_rad - joint_rad, joint_rad - parameters.joint_upper_rad)
+        if beyond.max() > _BEYOND_LIMIT_RAD:
+            joint = int(beyond.argmax())
+            raise DeviceError(
+                "WAM",
+                f"by what its pucks remember, joint {joint + 1} stands at {joint_rad[joint]:.2f} rad; that is outside "
+                f"its range of {parameters.joint_lower_rad[joint]:.2f} to {parameters.joint_upper_rad[joint]:.2f} rad.",
+                help="Somebody wrote P. Press E-stop and release it, place the arm in its home pose and start again.",
+            )
+
+    def read_agreeing_positions(self) -> tuple[int, ...]:
+        """P of all seven, confirmed by a second reading: all later ones are judged by it. DeviceError if none agree."""
+        counts = self.read_positions()
+        for _ in range(_READINGS):
+            before, counts = counts, self.read_positions()
+            apart = [abs(one - other) * 4 for one, other in zip(before, counts, strict=True)]
+            if all(far <= turn for far, turn in zip(apart, self._motors.counts_per_turn, strict=True)):
+                return counts
+        wrong = [
+            node for node, far, turn in zip(MOTOR_NODES, apart, self._motors.counts_per_turn, strict=True) if far > turn
+        ]
+        raise DeviceError(
+            "WAM",
+            f"the positions of pucks {wrong} jump by more than a quarter motor turn while the arm stands.",
+            help="Hold the arm still and start again; if it stays so, have the encoders checked.",
+        )
 
     def read_positions(self) -> tuple[int, ...]:
         """P of all seven, whatever it was before; asked twice. NoReplyError naming those that report none."""
