@@ -63,6 +63,7 @@ class ArmSupervision:
         self._needed = Recovery.NOTHING
         self._asked_ns: int | None = None
         self._lost_cycles = 0
+        self._since_bus = _LOST_BUS_CYCLES
         self._starting = False
         self.motor_firmware = 0
         """Of the motor pucks, once the arm was started."""
@@ -90,22 +91,34 @@ class ArmSupervision:
 
     def look(self, sample: ArmSample, silent: bool, idle_wanted: bool) -> Found | None:
         """The fault that the arm has now; after a reading. Raises BusError."""
-        self._lost_cycles = 0
+        self._since_bus += 1
         fault = self._arm.fault(sample, silent=silent, idle_wanted=idle_wanted or self.given_up)
         self.pending = fault is None and self._arm.explains_later
         if fault is None:
+            self._lost_cycles = 0
             return None
+        if fault.code is ArmFault.BUS_OFF:
+            return self.lose_bus(fault)
+        if fault.code is ArmFault.ARM_SILENT and self._since_bus < _LOST_BUS_CYCLES:
+            return None  # the bus has just come back, and with it the arm may
+        self._lost_cycles = 0
         if ARM_FAULTS[fault.code].reaction is Reaction.IDLE and self._arm.mode is ArmMode.ACTIVE:
             self.given_up = True
             self.blind = self.blind or not sample.complete
         return self._found(fault)
 
-    def lose_bus(self) -> Found:
-        """The bus has failed in this cycle: what that means. After a few, the arm will be idled if it comes back."""
+    def lose_bus(self, fault: NamedFault | None = None) -> Found:
+        """The bus has failed in this cycle: what that means. An arm that was not seen for a few cycles is held where it
+        is found, if the bus comes back before the pucks' heartbeat ends it."""
+        self._since_bus = 0
         self._lost_cycles += 1
         if self._lost_cycles >= _LOST_BUS_CYCLES:
-            self.given_up = self.blind = True
-        return self._found(self._arm.bus_fault or NamedFault(ArmFault.BUS_FAILED))
+            self.blind = True
+        return self._found(fault or self._arm.bus_fault or NamedFault(ArmFault.BUS_FAILED))
+
+    def give_up(self) -> None:
+        """The arm does not hold although it shall: it is to go idle."""
+        self.given_up = True
 
     def go_idle(self, now_ns: int) -> None:
         """Ask for idle, again every 50 ms, as long as an arm that was given up is active. Raises BusError."""

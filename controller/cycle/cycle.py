@@ -224,6 +224,8 @@ class Cycle:
         """Commanded joint motion of this period; while the arm is not active, it is where it is measured."""
         parts = self._parts
         state = _ARM_STATES[parts.arm.mode]
+        if state is ArmState.OFFLINE and parts.orders.arm_state is ArmState.ACTIVE:
+            state = ArmState.ACTIVE  # nobody has ended its torque mode: it is held until that is known
         if state is not parts.orders.arm_state and self._sample is not None:
             self._change_arm_state(state, self._sample)
         if parts.orders.arm_state is not ArmState.ACTIVE:
@@ -250,6 +252,8 @@ class Cycle:
         if parts.orders.arm_state is ArmState.ACTIVE:
             self._check(parts.safety.tracking(sample.joint_rad, parts.motion.joint_rad))
             self._check(parts.safety.residual(parts.control.feedback_Nm))
+            if parts.orders.fault and parts.safety.escapes(sample.joint_rad, parts.motion.joint_rad):
+                supervision.give_up()
         if parts.grasping.compensated and self._hand is not None:
             self._check(parts.safety.hand((now_ns - self._hand_sample_ns) * 1e-9, self._hand.fault))
 
@@ -273,7 +277,8 @@ class Cycle:
         else:
             parts.control.reset(sample.joint_rad, sample.sample_ns)
             self._torque = parts.model.gravity(sample.joint_rad)
-        parts.arm.write_torques(self._torque)
+        if sample.replies:  # else the wire may be blocked, and what is sent now be heard long after it was true
+            parts.arm.write_torques(self._torque)
 
     def _change_arm_state(self, state: ArmState, sample: ArmSample) -> None:
         orders, parts = self._parts.orders, self._parts

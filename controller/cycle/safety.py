@@ -53,7 +53,7 @@ class SafetyMonitor:
         self._limits = limits
         self._residual_cycles = max(1, round(limits.residual_time_s / period_s))
         self._over_band = [0] * 7
-        self._silent = 0
+        self._silent = self._escaped = 0
 
     @property
     def silent_cycles(self) -> int:
@@ -63,7 +63,7 @@ class SafetyMonitor:
     def reset(self) -> None:
         """Forget what was counted, at activation."""
         self._over_band = [0] * 7
-        self._silent = 0
+        self._silent = self._escaped = 0
 
     def replies(self, complete: bool) -> Reason:
         """Position replies of this cycle."""
@@ -78,6 +78,12 @@ class SafetyMonitor:
             if not abs(measured - wanted) <= band:
                 return Reason.TRACKING_ERROR
         return Reason.NONE
+
+    def escapes(self, joint_rad: Array, command_rad: Array) -> bool:
+        """Whether an arm that shall hold is not being held: for some time a joint was twice its band away."""
+        far = np.abs(joint_rad - command_rad) > 2.0 * np.array(self._limits.tracking_error_rad)
+        self._escaped = self._escaped + 1 if far.any() else 0
+        return self._escaped >= self._residual_cycles
 
     def residual(self, torque_residual_Nm: Array) -> Reason:
         """Feedback part of the joint torque (7, N·m): what the model cannot explain."""
