@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 _HAND_FAULTS = (
     (HandFault.TORQUE_LOST | HandFault.OVERHEATED, Reason.HAND_OVERHEATED),
     (HandFault.TORQUE_LOST | HandFault.OVERLOADED, Reason.HAND_OVERLOADED),
-    (HandFault.TORQUE_LOST | HandFault.RESTARTED, Reason.HAND_RESTARTED),
+    (HandFault.RESTARTED, Reason.HAND_RESTARTED),
     (HandFault.TORQUE_LOST, Reason.HAND_TORQUE_LOST),
     (HandFault.VOLTAGE, Reason.HAND_VOLTAGE),
     (HandFault.HARDWARE, Reason.HAND_HARDWARE),

@@ -270,6 +270,7 @@ class TendonPair:
             except DeviceError as error:
                 self._reader.miss(index)
                 return error
+            tendon.restarted = True
         tendon.values = self._reader.values[index]
         ticks = tendon.values["present_position"]
         if not tendon.torque_on:

@@ -263,7 +263,8 @@ def test_samples_reach_the_cycle_young(model: MotorModel) -> None:
     """At 1 Mbit/s without return delay, half of what a 500 Hz cycle finds on its link is younger than 6 ms."""
     rig = Rig(model=model)
     rig.start()
-    ages_ns, cycle_ns = [], rig.clock.now_ns()
+    ages_ns: list[int] = []
+    cycle_ns = rig.clock.now_ns()
     while len(ages_ns) < 500:
         rig.command((0.005, 0.005))
         rig.hand.step()

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import serial
 
 from drivers.clock import MonotonicClock
 from drivers.dynamixel import byte_line
@@ -87,7 +88,7 @@ def test_a_user_without_permission_hears_of_the_group(monkeypatch: pytest.Monkey
     def refuse(*arguments: object, **settings: object) -> None:
         raise PermissionError(errno.EACCES, "Permission denied")
 
-    monkeypatch.setattr(byte_line.serial, "Serial", refuse)
+    monkeypatch.setattr(serial, "Serial", refuse)
     with pytest.raises(BusError, match=r"this user may not.*ls -l /dev/ttyUSB0.*dialout"):
         SerialLine("/dev/ttyUSB0", 1_000_000)
 

@@ -1,7 +1,9 @@
 """Port and checked transactions against the worked packets of the reference, and against what a bad line does."""
 
 from collections.abc import Callable
+from typing import Any
 
+import dynamixel_sdk
 import pytest
 from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 from hypothesis import given
@@ -60,6 +62,8 @@ def make_bus(*replies: str | bytes) -> tuple[Protocol2Bus, ScriptedLine, Virtual
 
 
 OK_1 = "FF FF FD 00 01 04 00 55 00 A1 0C"
+OK_2 = "FF FF FD 00 02 04 00 55 00 29 0C"
+A15 = "FF FF FD 00 FE 1D 00 55 00 01 D2 00 FD FF FF FF 00 08 00 00 2C 77 00 02 DB FF 00 00 00 00 D2 05 00 00 7C 71"
 A12 = "FF FF FD 00 01 0E 00 55 00 D2 00 FD FF FF FF 00 08 00 00 B7 1C"
 A13 = "FF FF FD 00 02 0E 00 55 80 00 00 00 00 00 00 D2 05 00 00 CA BB"
 
@@ -103,6 +107,7 @@ def value_of(data: bytes) -> int:
     ("request_hex", "act", "reply_hex"),
     [
         ("FF FF FD 00 01 06 00 03 40 00 01 DB 66", lambda bus: bus.write(1, 64, b"\x01"), OK_1),  # A5
+        ("FF FF FD 00 02 07 00 03 66 00 6A FF 45 EB", lambda bus: bus.write(2, 102, b"\x6a\xff"), OK_2),  # A7
         ("FF FF FD 00 01 06 00 03 09 00 00 69 63", lambda bus: bus.write(1, 9, b"\x00"), OK_1),  # A8
         ("FF FF FD 00 01 06 00 03 62 00 05 68 E4", lambda bus: bus.write(1, 98, b"\x05"), OK_1),  # A9
         (
@@ -136,6 +141,50 @@ def test_ping_and_read_take_the_worked_answers() -> None:
         bytes.fromhex("FF FF FD 00 02 03 00 01 19 72"),
         bytes.fromhex("FF FF FD 00 01 07 00 02 7E 00 02 00 35 49"),
     ]
+
+
+def test_fast_sync_read_takes_the_worked_answer_apart() -> None:
+    """A14 and A15: one packet for both motors, 210, −3, 2048 and −37, 0, 1490."""
+    bus, line, _ = make_bus(A15)
+    assert bus.try_fast_read(126, 10, (1, 2))
+    assert line.sent == [bytes.fromhex("FF FF FD 00 FE 09 00 8A 7E 00 0A 00 01 02 BB 1A")]
+    line.script.append([(300_000, bytes.fromhex(A15))])
+    parts = [
+        (value_of(s.parameters[:2]), value_of(s.parameters[2:6]), value_of(s.parameters[6:])) for s in statuses(bus)
+    ]
+    assert parts == [(210, -3, 2048), (-37, 0, 1490)]
+
+
+def test_errors_inside_a_fast_answer_are_each_motor_s_own() -> None:
+    """The SDK throws them away: here motor 1 is in alert and gives its value, motor 2 refuses and gives none."""
+    packet = b"\xff\xff\xfd\x00\xfe" + (1 + 2 * 6).to_bytes(2, "little") + b"\x55"
+    for error, motor_id in ((0x80, 1), (0x07, 2)):
+        packet += bytes((error, motor_id, 0x34, 0x12))
+        packet += StuffingPacketHandler().updateCRC(0, packet, len(packet)).to_bytes(2, "little")
+    bus, _, _ = make_bus(packet)
+    bus.fast = True
+    first, second = bus.read_group(126, 2, (1, 2))
+    assert first == Status(1, True, b"\x34\x12")
+    assert isinstance(second, ProtocolError)
+    assert "access error" in second.message
+
+
+def test_firmware_without_fast_reads_is_read_the_slow_way(rig_of: Any) -> None:
+    """Silence on the first try, and never tried again."""
+    rig = rig_of((1, 1020, 2), (2, 1020, 2))
+    rig.motors[1].fast = False
+    bus = Protocol2Bus(rig.port)
+    assert not bus.try_fast_read(126, 10, (1, 2))
+    assert [s.motor_id for s in statuses(bus)] == [1, 2]
+
+
+def test_echo_is_passed_over(rig_of: Any) -> None:
+    """An adapter that gives the host its own bytes back changes nothing but the time."""
+    rig = rig_of((1, 1020, 2), (2, 1020, 2), echo=True)
+    bus = Protocol2Bus(rig.port)
+    bus.sync_write(102, {1: b"\x78\x00", 2: b"\x78\x00"})
+    assert bus.ping(2) == PingAnswer(1020, 45, False)
+    assert [s.motor_id for s in statuses(bus)] == [1, 2]
 
 
 def test_sync_read_keeps_values_and_alert_apart() -> None:
@@ -214,6 +263,48 @@ def test_noise_never_crashes_hangs_or_yields_a_value(chunks: list[bytes]) -> Non
     line.script = [[(20_000 * (i + 1), chunk) for i, chunk in enumerate(chunks)]]
     assert all(isinstance(result, DeviceError) for result in bus.read_group(126, 10, (1, 2)))
     assert clock.now_ns() < 6 * MILLISECOND
+
+
+@given(st.lists(st.binary(min_size=1, max_size=30), max_size=8))
+def test_noise_instead_of_a_fast_answer_is_an_error_too(chunks: list[bytes]) -> None:
+    """The same for the one answer that the SDK does not unstuff."""
+    bus, line, clock = make_bus()
+    bus.fast = True
+    line.script = [[(20_000 * (i + 1), chunk) for i, chunk in enumerate(chunks)]]
+    assert all(isinstance(result, DeviceError) for result in bus.read_group(126, 10, (1, 2)))
+    assert clock.now_ns() < 6 * MILLISECOND
+
+
+@given(st.integers(0, 35), st.integers(1, 255))
+def test_damaged_fast_answer_never_yields_a_value(position: int, flip: int) -> None:
+    """Only the last CRC covers the whole, and it is the one that is checked."""
+    damaged = bytearray.fromhex(A15)
+    damaged[position] ^= flip
+    bus, _, _ = make_bus(bytes(damaged))
+    bus.fast = True
+    assert all(isinstance(result, DeviceError) for result in bus.read_group(126, 10, (1, 2)))
+
+
+@given(
+    st.integers(0, 252),
+    st.integers(0, 600),
+    st.binary(min_size=1, max_size=20).filter(lambda data: b"\xff\xff\xfd" not in data),
+)
+def test_every_request_without_stuffing_is_the_sdk_s(motor_id: int, address: int, data: bytes) -> None:
+    """For every id, address and content the bytes on the wire are those of the unmodified SDK."""
+    bus, line, _ = make_bus()
+    clock = VirtualClock()
+    theirs = ScriptedLine(clock)
+    port = WaitingPort(theirs, clock)
+    handler = dynamixel_sdk.PacketHandler(2.0)
+    handler.writeTxOnly(port, motor_id, address, len(data), list(data))
+    port.is_using = False
+    handler.readTx(port, motor_id, address, len(data))
+    with pytest.raises(NoReplyError):
+        bus.write(motor_id, address, data)
+    with pytest.raises(NoReplyError):
+        bus.read(motor_id, address, len(data))
+    assert line.sent == theirs.sent
 
 
 @given(st.integers(0, 20), st.integers(1, 255))
