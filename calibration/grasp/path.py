@@ -17,6 +17,7 @@ from scipy.optimize import brentq
 
 from calibration.grasp.constraints import Gap, contact_margins
 from calibration.grasp.equilibrium import Drive, GraspSystem, States
+from calibration.grasp.equilibrium_newton import regular
 from calibration.grasp.path_grid import Event, events
 from calibration.grasp.path_points import (
     NO_EQUILIBRIUM,
@@ -226,6 +227,8 @@ class _Follower:
         found = []
         for row in (self.mean,) if self.kind == "load" else (self.mean, self.mean_load):
             drive = Drive(np.array([row, self.difference]))
+            if not regular(self.system, held[None], drive)[0]:
+                continue
             slope = self.rule.slope(w, last, drive, held)
             length = self._length(slope)
             if length is not None and not (self.kind != "load" and row is self.mean and length < SLOW * self.step_m):

@@ -169,3 +169,13 @@ def test_limits_are_those_of_weight_and_patch() -> None:
         sliding(load_object("mustard"), math.nan)
     with pytest.raises(MechanicsError, match="support"):
         sliding(replace(load_object("mustard"), support=None))
+
+
+@pytest.mark.parametrize(("preset", "split"), [("nominal", 0.1), ("fitted", 0.0)])
+def test_a_dragged_path_too_goes_past_its_stops_to_the_cap(preset: str, split: float, grasping: Grasping) -> None:
+    """Pins at their stops leave the winding nothing to move, on the table as in the air: the load goes on alone."""
+    system = grasping("t42pp", preset, "cylinder40", onset_split=split)
+    path = trace(system, step_m=4e-4, rule=OnTable(system, sliding(system.object)))
+    assert path.load_N[-1].max() == pytest.approx(128.0, abs=1e-6)
+    assert path.at_stop[-1].tolist() == [0, 1, 0, 1]
+    assert np.abs(path.pose[-1] - path.pose[-2]).max() < 1e-8
