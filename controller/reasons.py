@@ -121,7 +121,7 @@ EXPLANATIONS: Final[dict[Reason, Explanation]] = {
     Reason.HAND_BUS_LOST: Explanation(
         "hand_bus_lost",
         "The serial line of the tendon motors is gone. They hold what they hold.",
-        "Check the adapter's plug; secure the object, then restart the daemon: it takes the motors over as they are.",
+        "Check the adapter's plug (a path in /dev/serial/by-id stays the same); the motors are then taken up again.",
     ),
     Reason.HAND_OVERHEATED: Explanation(
         "hand_overheated",

@@ -22,6 +22,7 @@ from drivers.dynamixel.byte_line import SerialLine
 from drivers.dynamixel.discovery import reply_margin_s
 from drivers.dynamixel.motor import MotorIdentity
 from drivers.dynamixel.port import WaitingPort
+from drivers.dynamixel.reopening_line import ReopeningLine
 from drivers.dynamixel.tendons import TendonPair
 
 LONGEST_END_S = 6.0
@@ -39,11 +40,12 @@ def run_hand(assignment: Assignment, lifeline: Lifeline, stop: StopRequests) -> 
     if not wait_for_go(lifeline, stop):
         return 0
     tendons = config.tendons
-    line = SerialLine(tendons.port, tendons.baud)
+    serial_line = SerialLine(tendons.port, tendons.baud)
+    line = ReopeningLine(serial_line, lambda: SerialLine(tendons.port, tendons.baud), clock)
     try:
-        if line.advice:
-            _say(line.advice)
-        margin_s = SIMULATED_REPLY_MARGIN_S if assignment.simulated else reply_margin_s(line.latency_timer_ms)
+        if serial_line.advice:
+            _say(serial_line.advice)
+        margin_s = SIMULATED_REPLY_MARGIN_S if assignment.simulated else reply_margin_s(serial_line.latency_timer_ms)
         port = WaitingPort(line, clock, baud=tendons.baud, reply_margin_s=margin_s)
         pair = TendonPair(port, clock, tendon_motors(config))
         hand = HandPart(clock, pair, LatestReader(cycle), LatestSender(cycle), hand_settings(config))

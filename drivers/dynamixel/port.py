@@ -114,6 +114,7 @@ class WaitingPort:
             return b""
         data = self._line.read(MAXIMUM_READ_BYTES)
         if not data:  # readable, yet nothing there: the end of file of an unplugged adapter
+            self._line.close()
             raise BusError("tendon motor bus", "the serial line has ended.", help="Check the adapter's plug and power.")
         return data
 
