@@ -218,7 +218,7 @@ def status(endpoint: Endpoint = None, config: Config = None, as_json: AsJson = F
         print(json.dumps(told_status))
         return
     state = told_status["state"]
-    for lost in ("cycle_lost", "hand_lost"):
+    for lost in ("cycle_lost", "hand_lost", "tactile_lost"):
         if told_status.get(lost):
             print(told_status[lost])
     if not state:

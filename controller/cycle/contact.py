@@ -4,7 +4,8 @@ A compliant hand does not stall at contact: its load only grows more steeply. Pe
 samples of free closing (its slope is known from the joint springs; its offset holds the constant part of the gear
 friction). Once the load stands clearly above that line, every further sample points back along the loaded slope to
 the meeting of the two lines, the excursion of first contact. The motion table gates the result: contact is expected
-near its contact excursion.
+near its contact excursion. Where a tactile pad watches the finger, the pad says when it touches; the load then only
+says so where it rises far, for contact beside the pad.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ class ContactSettings:
     gate_m: float = 1.5e-3  # contact further than this from the table's is not this grasp
     table_deviation_m: float = 5e-5  # standard deviation of the table's own contact excursion (spool zero, object size)
     load_deviation_m: float = 1.5e-4  # of the one found: a support that drags on the object adds some 2 N of load
+    pad_deviation_m: float = 3e-5  # of the one that a tactile pad found
     clear_m: float = 0.4e-3  # samples nearer to the table's contact than this are not fitted as free closing
 
 
@@ -64,30 +66,42 @@ class FingerContact:
         self._smoothed: tuple[float, float] | None = None
         self._meeting_sum_m = 0.0
         self._meetings = 0
+        self._deviation_m = settings.load_deviation_m
+        self._by_pad = False
         self.touch = Touch.FREE
 
     @property
     def contact_excursion_m(self) -> float:
-        """Excursion of first contact, back-dated, m: table and load weighed by their variances; the table's until
-        contact was found."""
+        """Excursion of first contact, back-dated, m: table and load, or pad, weighed by their variances; the table's
+        until contact was found."""
         expected_m = self._expected.contact_excursion_m
         if self.touch is not Touch.TOUCHING or self._meetings == 0:
             return expected_m
-        table, load = self._settings.table_deviation_m**2, self._settings.load_deviation_m**2
-        return expected_m + table / (table + load) * (self._meeting_sum_m / self._meetings - expected_m)
+        table, found = self._settings.table_deviation_m**2, self._deviation_m**2
+        return expected_m + table / (table + found) * (self._meeting_sum_m / self._meetings - expected_m)
 
     @property
     def onset_load_N(self) -> float:
         """Measured load at contact, N: on the free line, so with the same constant friction as all winding samples."""
         return self._offset_N + self._expected.free_slope_N_per_m * self.contact_excursion_m
 
-    def take(self, excursion_m: float, load_N: float, *, slow: bool) -> Touch:
+    def take_pad(self, excursion_m: float) -> Touch:
+        """The finger's pad touches, and did so first at this finger-side excursion; returns what is known now."""
+        if not self._by_pad and math.isfinite(excursion_m):
+            self._by_pad = True
+            self._deviation_m = self._settings.pad_deviation_m
+            self._meeting_sum_m, self._meetings = excursion_m, 1
+            self._judge(excursion_m)
+        return self.touch
+
+    def take(self, excursion_m: float, load_N: float, *, slow: bool, padded: bool = False) -> Touch:
         """One sample of a winding finger (finger-side excursion, load); returns what is known now.
 
         `slow`: the finger winds at the constant slow rate of the search; before that only a large rise counts, as early
-        contact. Samples that are not finite are ignored.
+        contact. `padded`: a pad watches the finger, so that again only a large rise counts. Samples that are not finite
+        are ignored.
         """
-        if not (math.isfinite(excursion_m) and math.isfinite(load_N)):
+        if self._by_pad or not (math.isfinite(excursion_m) and math.isfinite(load_N)):
             return self.touch
         settings, expected = self._settings, self._expected
         to_contact_m = excursion_m - expected.contact_excursion_m
@@ -98,7 +112,7 @@ class FingerContact:
         excursion_m, residual_N = self._smooth(excursion_m, residual_N)
         rise_N = residual_N - self._offset_N
         unknown = self._count < settings.free_samples
-        threshold_N = settings.early_rise_N if settling or unknown else settings.rise_N
+        threshold_N = settings.early_rise_N if settling or unknown or padded else settings.rise_N
         breaking_away = excursion_m - self._first_m < settings.break_away_m
         self._above = self._above + 1 if rise_N >= threshold_N and not breaking_away else 0
         if self._above >= settings.samples:
@@ -132,5 +146,8 @@ class FingerContact:
         meeting_m = excursion_m - rise_N / (expected.loaded_slope_N_per_m - expected.free_slope_N_per_m)
         self._meeting_sum_m += meeting_m
         self._meetings += 1
-        early = meeting_m < expected.contact_excursion_m - self._settings.gate_m
+        self._judge(meeting_m)
+
+    def _judge(self, meeting_m: float) -> None:
+        early = meeting_m < self._expected.contact_excursion_m - self._settings.gate_m
         self.touch = Touch.EARLY if early else Touch.TOUCHING

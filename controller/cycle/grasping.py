@@ -14,6 +14,7 @@ from controller.cycle.compensation import STILL, PlanarMotion, hand_offset
 from controller.cycle.contact import ContactSettings, FingerContact, FingerExpectation, Touch
 from controller.cycle.grasp_state import COMPENSATED, GRIPPING, GraspEvent, GraspPhase, HandStatus, next_phase
 from controller.cycle.motion_index import IndexReading, IndexSettings, MotionIndex
+from controller.cycle.pads import PadWatch
 from controller.cycle.planar_table import PlanarTable, finger_excursion_m
 from controller.cycle.winding import WindingLimits, WindingProfile
 from controller.messages import CompensationIndex, EventKind, HandMode, HandSetPoint, HandState, Pair, Reason
@@ -42,6 +43,7 @@ class GraspSettings:
     release_rate_m_s: float = 0.010
     load_cap_N: float = 110.0
     free_load_cap_N: float = 60.0  # while closing nothing should resist; also the cap of an open hand
+    empty_load_N: float = 30.0  # an open hand whose tendons pull harder may hold something: pads take no zero
     winding: WindingLimits = field(default_factory=WindingLimits)
     drive: MotorDrive = field(default_factory=MotorDrive)
     contact: ContactSettings = field(default_factory=ContactSettings)
@@ -76,6 +78,9 @@ class Grasping:
         self._stop_reason: Reason | None = None
         self._set_point = HandSetPoint((0.0, 0.0), (settings.free_load_cap_N,) * 2)
         self.phase = GraspPhase.NONE
+        self.pads: PadWatch | None = None
+        """The tactile pads, where there are any."""
+        self._was_prepositioned = False
         self.table: PlanarTable | None = None
         self.index_kind = CompensationIndex.EXCURSION
         self.reading: IndexReading | None = None
@@ -205,6 +210,8 @@ class Grasping:
 
     def step(self, hand: HandState | None, sample_ns: int, now_ns: int, throttle: float) -> HandSetPoint:
         """One period: wind, observe, look up; returns what the hand shall do."""
+        if self.pads is not None:
+            self._watch_pads(self.pads, hand, now_ns)
         if not self.compensated or self.table is None or self._index is None or hand is None:
             self.offset_target = STILL
             self.reading = None
@@ -219,7 +226,7 @@ class Grasping:
             self._index.take(hand, sample_ns, now_ns, winding=is_winding)
             self._watch_load(hand)
             if self.phase is GraspPhase.CLOSING and is_winding:
-                self._search(self.table, hand)
+                self._search(self.table, hand, now_ns)
         self.reading = self._index.advance(self.winding, self.index_kind, winding=is_winding)
         self._aim(self.table, self.reading)
         self._finish()
@@ -254,15 +261,29 @@ class Grasping:
         self._set_point = HandSetPoint((right, left), (self._settings.load_cap_N,) * 2, mode)
         return self._set_point
 
-    def _search(self, table: PlanarTable, hand: HandState) -> None:
+    def _watch_pads(self, pads: PadWatch, hand: HandState | None, now_ns: int) -> None:
+        """Tell the pads when the fingers are free: open, or on their way and not yet near the object. A zero is taken
+        once the wrist is where the grasp begins."""
+        prepositioned = self.phase is GraspPhase.PREPOSITIONED
+        empty = hand is not None and max(hand.tension_N) < self._settings.empty_load_N
+        is_open = (prepositioned or (self._opening and not self.compensated)) and empty
+        approaching = self.phase is GraspPhase.CLOSING and not self._searching
+        arrived, self._was_prepositioned = prepositioned and not self._was_prepositioned, prepositioned
+        pads.step(free=is_open or approaching, take_zero=arrived, now_ns=now_ns)
+
+    def _search(self, table: PlanarTable, hand: HandState, now_ns: int) -> None:
         """Feed both fingers' contact search; both touching is contact."""
         assert self._fingers is not None
         assert self._index is not None
         compliance = table.compliance_m_per_N
         for i, finger in enumerate(self._fingers):
+            pad = None if self.pads is None else self.pads.finger(i, now_ns)
+            excursion_m = hand.excursion_m[i] - hand.tension_N[i] * compliance[i]
             if hand.rate_m_s[i] > self._settings.winding_rate_m_s:
-                excursion_m = hand.excursion_m[i] - hand.tension_N[i] * compliance[i]
-                finger.take(excursion_m, hand.tension_N[i], slow=self._searching)
+                finger.take(excursion_m, hand.tension_N[i], slow=self._searching, padded=pad is not None)
+            if pad is not None and pad.touching:
+                since_s = (self._last_sample_ns - pad.onset_ns) * 1e-9
+                finger.take_pad(excursion_m - since_s * self.winding.rate_m_s)
         right, left = self._fingers[0].touch, self._fingers[1].touch
         if right is Touch.EARLY or left is Touch.EARLY:
             self._give_up(Reason.CONTACT_UNEXPECTED)

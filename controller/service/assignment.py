@@ -14,7 +14,7 @@ from msgspec import Meta
 from controller.config import RobotConfig
 from controller.pose import Coordinate
 
-Role = Literal["cycle", "hand", "world"]
+Role = Literal["cycle", "hand", "tactile", "world"]
 
 
 class SceneChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from controller.config import RobotConfig
 from controller.cycle.attentive_clock import AttentiveClock
 from controller.cycle.cycle import Cycle, CycleLinks, Parts
+from controller.cycle.pads import PadWatch
 from controller.cycle.safety import SafetyLimits, SafetyMonitor
 from controller.messages import CommandKind, CycleCommand
 from controller.service.assembly import arm_parameters, cycle_parts
@@ -81,6 +82,9 @@ def run_cycle(assignment: Assignment, lifeline: Lifeline, stop: StopRequests) ->
         def say(text: str) -> None:
             lifeline.say(Word.SAID, text)
 
+        if "tactile" in assignment.descriptors:
+            tactile = SocketLink.from_fileno(assignment.descriptors["tactile"])
+            parts.grasping.pads = PadWatch(LatestReader(tactile), LatestSender(tactile))
         cycle = Cycle(clock, links, parts, time.thread_time_ns, operator, say)
         find(cycle.start, assignment.simulated)
         lifeline.say(Word.MOTORS, str(cycle.motor_firmware))

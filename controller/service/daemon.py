@@ -158,9 +158,16 @@ class Daemon:
             held = choices.directory_descriptor
             start("world", descriptors={} if held is None else {"directory": held})
         start("hand", links={"cycle": hand_cycle})
-        start("cycle", links={"commands": cycle_commands, "records": cycle_records, "hand": cycle_hand})
+        cycle_links = {"commands": cycle_commands, "records": cycle_records, "hand": cycle_hand}
         self._links = commands, records
-        return FrontLinks(OrderedSender(commands), OrderedReader(commands), LatestReader(records))
+        pads: LatestReader | None = None
+        if config.tactile is not None:
+            cycle_links["tactile"], tactile_cycle = socket_links()
+            front_pads, tactile_front = socket_links()
+            start("tactile", links={"cycle": tactile_cycle, "pads": tactile_front})
+            self._links, pads = (*self._links, front_pads), LatestReader(front_pads)
+        start("cycle", links=cycle_links)
+        return FrontLinks(OrderedSender(commands), OrderedReader(commands), LatestReader(records), pads)
 
     def _begin(self) -> None:
         """The buses are there: take our own place on the CAN bus, and let hand and cycle begin."""
@@ -172,6 +179,8 @@ class Daemon:
         self._guard = Guard(self._guard_bus, self._clock, firmware)
         self._children["hand"].begin()
         self._children["cycle"].begin()
+        if "tactile" in self._children:
+            self._children["tactile"].begin()
 
     def _loop(self, stop: StopRequests, descriptors: list[int]) -> int:
         front, buttons = self._front, self._buttons
@@ -245,6 +254,8 @@ class Daemon:
         for role, child in self._children.items():
             if not child.gone or (role == "hand" and self._front.hand_lost):
                 continue
+            if role == "tactile" and self._front.tactile_lost:
+                continue
             child.listen()
             if role == "world":
                 self._children["cycle"].kill()  # there is no arm left that it could bring to rest
@@ -253,12 +264,17 @@ class Daemon:
             if role == "hand":
                 self._front.hand_lost = f"The hand process has gone ({child.fate()}); the motors go on holding."
                 self._front.tell("fault", "hand_lost", self._front.hand_lost, "Restart the daemon.")
+            if role == "tactile":
+                why = child.failure or child.fate()
+                self._front.tactile_lost = f"The tactile pads are lost ({why}); the motors' load finds contact."
+                self._front.tell("warning", "tactile_lost", self._front.tactile_lost, "Restart the daemon.")
 
     def _continue_start(self, now_ns: int) -> None:
         world, cycle, hand = self._children.get("world"), self._children["cycle"], self._children["hand"]
         if not self._begun and (world is None or world.ready):
             self._begin()
-        if cycle.ready and hand.ready and self._front.record is not None:
+        tactile = self._children.get("tactile")
+        if cycle.ready and hand.ready and (tactile is None or tactile.ready) and self._front.record is not None:
             self._phase = "running"
             self._announce(self._description())
             notify("READY=1\nSTATUS=running")

@@ -16,13 +16,14 @@ from typing import Any, Protocol
 
 from calibration.motion_table import MotionTable
 from controller.messages import CYCLE_RECORD, CycleCommand, CycleEvent, EventKind, Reason
+from controller.pad_messages import PadState
 from controller.reasons import EXPLANATIONS, as_error, named_values
 from controller.service import commands as asked
 from controller.service.answers import encode_error, encode_event, encode_reply, error_told
 from controller.service.command_socket import Address, CommandPort
 from controller.service.links import LatestReader, LinkError, OrderedReader, OrderedSender
 from controller.service.requests import Plan, Planner
-from controller.service.state import state_map
+from controller.service.state import pad_record, state_map
 from controller.service.table_shelf import TableShelf
 from controller.service.telemetry import StateOutlet
 from drivers.clock import NANOSECONDS, Clock, nanoseconds
@@ -50,6 +51,8 @@ class FrontLinks:
     commands: OrderedSender
     events: OrderedReader
     records: LatestReader
+    pads: LatestReader | None = None
+    """The tactile pads', where there are any."""
 
 
 @dataclass
@@ -106,6 +109,8 @@ class Front:
         self.cycle_lost = ""
         self.hand_lost = ""
         """Why there is no hand process any more, where that is so; set by who supervises it, shown in `status`."""
+        self.tactile_lost = ""
+        """The same of the tactile process."""
         self.stopped = False
         self.stop_reason = Reason.NONE
         """With `stopped`: NONE if the arm is idle, else why that is not known."""
@@ -184,6 +189,7 @@ class Front:
                 "table": self._planner.table_name,
                 "cycle_lost": self.cycle_lost,
                 "hand_lost": self.hand_lost,
+                "tactile_lost": self.tactile_lost,
             }
         if isinstance(command, asked.TableList):
             return {"tables": self._shelf.listing()}
@@ -283,8 +289,11 @@ class Front:
             self._out.recorder.event(event, now_ns)
 
     def _take_records(self, now_ns: int) -> None:
+        pads = None if self._links.pads is None else self._links.pads.newest()
         for payload, sample_ns in self._links.records.new_values():
             self._record, self._record_ns, self._silence_ns = CYCLE_RECORD.read(payload), sample_ns, 0
+            if pads is not None:
+                self._record |= pad_record(PadState.unpack(pads[0]))
             if self._out.recorder is not None:
                 self._out.recorder.record_cycle(self._record, sample_ns)
         if self._out.publisher is not None and self._record is not None and now_ns >= self._next_state_ns:

@@ -69,12 +69,14 @@ def launch(choices: Launch, *, say: Callable[[str], None], announce: Callable[[M
 def in_simulation(config: RobotConfig, directory: Path) -> RobotConfig:
     """The configuration with simulated buses in `directory`, except where it names places of its own for them."""
     default = load_config()
-    arm, tendons = config.arm, config.tendons
+    arm, tendons, tactile = config.arm, config.tendons, config.tactile
     if arm.interface != "seqpacket" or arm.channel == default.arm.channel:
         arm = msgspec.structs.replace(arm, interface="seqpacket", channel=str(directory / "can"))
     if tendons.port == default.tendons.port or tendons.port.startswith("/dev/"):
         tendons = msgspec.structs.replace(tendons, port=str(directory / "tendons"))
-    return msgspec.structs.replace(config, arm=arm, tendons=tendons)
+    if tactile is not None and tactile.interface != "socket":
+        tactile = msgspec.structs.replace(tactile, interface="socket", channel=str(directory / "pads"))
+    return msgspec.structs.replace(config, arm=arm, tendons=tendons, tactile=tactile)
 
 
 def _buttons(say: Callable[[str], None]) -> ButtonSource:

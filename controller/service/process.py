@@ -1,4 +1,4 @@
-"""Where a child process begins: `python -m controller.service.process cycle|hand|world`, started by the front alone.
+"""Where a child process begins: `python -m controller.service.process ROLE`, started by the front alone.
 
 It takes its assignment from standard input, ties its life to the front's, loads what its role needs, waits for GO, and
 runs its role until it is over. What goes wrong is told over the lifeline, in one sentence.
@@ -56,6 +56,10 @@ def _runner(role: Role) -> Run:
         from controller.service.hand_process import run_hand
 
         return run_hand
+    if role == "tactile":
+        from controller.service.tactile_process import run_tactile
+
+        return run_tactile
     from controller.simulation.world_process import run_world
 
     return run_world

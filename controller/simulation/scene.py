@@ -8,7 +8,9 @@ import numpy as np
 
 from calibration.hand.parameters import Hand
 from calibration.objects.parameters import load_object
-from controller.config import RobotConfig, TendonMotor
+from calibration.tactile_file import SIDES
+from controller.config import RobotConfig, Tactile, TendonMotor
+from controller.service.tactile_assembly import configured_cells
 from controller.simulation.world import World
 from controller.simulation.world_model import Imperfections
 from drivers.dynamixel.control_tables import XM430_W350, MotorModel, model_by_name
@@ -16,6 +18,7 @@ from drivers.simulated.dynamixel import SimulatedMotors, SimulatedMotorSettings
 from drivers.simulated.dynamixel_electrics import electrics_of
 from drivers.simulated.faults import FaultScript
 from drivers.simulated.serial_fault_actions import SerialAction
+from drivers.simulated.takktile import SimulatedCell, SimulatedTakktile
 from drivers.simulated.wam import SimulatedWam
 from drivers.wam.parameters import load_wam_parameters
 
@@ -46,6 +49,7 @@ class Devices:
     world: World
     wam: SimulatedWam
     motors: SimulatedMotors
+    pads: SimulatedTakktile | None = None
 
 
 def build_devices(
@@ -91,7 +95,18 @@ def build_devices(
     )
     period_s = world.physics_period_ns * 1e-9
     world.call_before_each_step(lambda now_ns: motors.control(now_ns, period_s))
-    return Devices(world, SimulatedWam(world, parameters, zeroed=zeroed), motors)
+    pads = None if config.tactile is None else _pads(config.tactile, world, scene.seed)
+    return Devices(world, SimulatedWam(world, parameters, zeroed=zeroed), motors, pads)
+
+
+def _pads(tactile: Tactile, world: World, seed: int) -> SimulatedTakktile:
+    """The configured cells, each bearing its share of its fingertip's force."""
+    cells = [
+        SimulatedCell(cell, finger, share=1.0 / len(mapped))
+        for finger, mapped in enumerate(configured_cells(tactile, side) for side in SIDES)
+        for cell in mapped
+    ]
+    return SimulatedTakktile(world.fingertip_force_N, cells, seed=seed)
 
 
 def _mounted(motor: TendonMotor, model: MotorModel) -> SimulatedMotorSettings:

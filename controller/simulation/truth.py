@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.hand.parameters import Hand
+from controller.simulation.fingertip_force import fingertip_forces_N
 from controller.simulation.world import World
 
 
@@ -63,7 +64,7 @@ class WorldObserver:
             tip_m=tips_m[:, :2],
             tendon_excursion_m=parts.spool_radius_m * data.qpos[parts.spool] - self._stretch_m(),
             tendon_tension_N=self._tension_N(),
-            contact_force_N=self._contact_force_N(),
+            contact_force_N=fingertip_forces_N(self._model, data, parts.tip_geom.tolist()),
         )
 
     def _tension_N(self) -> NDArray[np.float64]:
@@ -83,16 +84,6 @@ class WorldObserver:
         lag_m = np.array([0.0 if feed is None else length_m[feed] for feed in parts.tendon_feed])
         stretch_m: NDArray[np.float64] = length_m[parts.tendon] - parts.tendon_rest_m + lag_m
         return stretch_m
-
-    def _contact_force_N(self) -> NDArray[np.float64]:
-        data, force_N, wrench = self._data, np.zeros(2), np.zeros(6)
-        tips = self._parts.tip_geom.tolist()
-        for index, geoms in enumerate(data.contact.geom[: data.ncon].tolist()):
-            for finger, tip in enumerate(tips):
-                if tip in geoms:
-                    mujoco.mj_contactForce(self._model, data, index, wrench)
-                    force_N[finger] += wrench[0]
-        return force_N
 
 
 def _pose(data: mujoco.MjData, body: int) -> NDArray[np.float64]:

@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from controller.client import Client
-from controller.config import RobotConfig
+from controller.config import RobotConfig, Tactile
 from controller.cycle.attentive_clock import AttentiveClock
 from controller.cycle.cycle import Cycle, CycleLinks
+from controller.cycle.grasping import Grasping
+from controller.cycle.pads import PadWatch
 from controller.service.assembly import configured_hand, cycle_parts, hand_settings, tendon_motors
 from controller.service.command_socket import MemoryCommandSocket, MemoryConnection
 from controller.service.front import Front, FrontLinks, Outlets, RecordSink
@@ -20,18 +22,24 @@ from controller.service.hand import HandPart
 from controller.service.links import LatestReader, LatestSender, OrderedReader, OrderedSender, VirtualLink
 from controller.service.requests import Planner
 from controller.service.table_shelf import TableShelf
+from controller.service.tactile import TactilePart
+from controller.service.tactile_assembly import configured_pads
 from controller.simulation.scene import Devices, Scene, build_devices
 from controller.simulation.virtual_time import Part, VirtualTime
 from controller.simulation.world import World
 from drivers.clock import VirtualClock, nanoseconds
 from drivers.dynamixel.port import WaitingPort
 from drivers.dynamixel.tendons import TendonPair
-from drivers.errors import InputError, NoReplyError
+from drivers.errors import DeviceError, InputError, NoReplyError
 from drivers.simulated.can_faults import CanFaults
 from drivers.simulated.can_hub import MemoryCanBus, MemoryCanHub
 from drivers.simulated.faults import Fault, FaultScript
 from drivers.simulated.serial_fault_actions import SerialAction
 from drivers.simulated.serial_lines import MemoryLine
+from drivers.simulated.takktile import SimulatedTakktile
+from drivers.simulated.takktile_lines import MemoryTransport
+from drivers.takktile.bridge import Bridge
+from drivers.takktile.touch import TouchSettings
 from drivers.wam.safety_puck import Guard
 
 FRONT_PERIOD_S = 0.01
@@ -64,7 +72,9 @@ class VirtualRobot:
         self.time = VirtualTime()
         self._observe = observe
         self._observe_period_ns = nanoseconds(observe_period_s)
-        clocks = {name: VirtualClock() for name in ("world", "hub", "cycle", "hand", "front", "guard", "client")}
+        clocks = {
+            name: VirtualClock() for name in ("world", "hub", "cycle", "hand", "front", "guard", "client", "tactile")
+        }
         self._clocks = clocks
         self._faults = None if faults is None else CanFaults(faults, self.devices.wam)
         self._hub = MemoryCanHub([self.devices.wam], self._faults)
@@ -76,6 +86,7 @@ class VirtualRobot:
         records = VirtualLink(clocks["cycle"], clocks["front"], capacity=RECORDS_WAITING)
 
         attentive = AttentiveClock(clocks["cycle"])
+        parts = cycle_parts(config, MemoryCanBus(self._hub, attentive), attentive)
         self.cycle = Cycle(
             attentive,
             CycleLinks(
@@ -85,7 +96,7 @@ class VirtualRobot:
                 LatestReader(states),
                 LatestSender(set_points),
             ),
-            cycle_parts(config, MemoryCanBus(self._hub, attentive), attentive),
+            parts,
         )
         line = MemoryLine(self.devices.motors, clocks["hand"], config.tendons.baud)
         self.hand = HandPart(
@@ -97,13 +108,21 @@ class VirtualRobot:
             LatestSender(states),
             hand_settings(config),
         )
+        self._tactile = None
+        pads: LatestReader | None = None
+        if config.tactile is not None and self.devices.pads is not None:
+            to_front = VirtualLink(clocks["tactile"], clocks["front"])
+            pads = LatestReader(to_front)
+            self._tactile = self._tactile_part(
+                config.tactile, self.devices.pads, parts.grasping, LatestSender(to_front)
+            )
         self.socket = MemoryCommandSocket(clocks["front"])
         guard = Guard(MemoryCanBus(self._hub, clocks["guard"]), clocks["guard"], 197)
         shelf = TableShelf(Path(config.tables.directory), hand)
         outlets = Outlets(self.socket, recorder=recorder, idle_arm=guard.idle_arm, wall_time_s=lambda: 0.0)
         self.front = Front(
             clocks["front"],
-            FrontLinks(OrderedSender(commands), OrderedReader(events), LatestReader(records)),
+            FrontLinks(OrderedSender(commands), OrderedReader(events), LatestReader(records), pads),
             outlets,
             Planner(config, shelf),
             shelf,
@@ -115,6 +134,46 @@ class VirtualRobot:
         self.time.add(Part("cycle", clocks["cycle"], self._starting(self.cycle.start, self._step_cycle)))
         self.time.add(Part("hand", clocks["hand"], self._starting(self.hand.start, self._step_hand)))
         self.time.add(Part("front", clocks["front"], self._step_front))
+        if self._tactile is not None:
+            self.time.add(
+                Part(
+                    "tactile", clocks["tactile"], self._starting(self._tactile.start, self._tactile_step(self._tactile))
+                )
+            )
+
+    def _tactile_part(
+        self, tactile: Tactile, device: SimulatedTakktile, grasping: Grasping, front: LatestSender
+    ) -> TactilePart:
+        """The pads' part, and its links to the cycle."""
+        clock, cycle_clock = self._clocks["tactile"], self._clocks["cycle"]
+        states, orders = VirtualLink(clock, cycle_clock), VirtualLink(cycle_clock, clock)
+        grasping.pads = PadWatch(LatestReader(states), LatestSender(orders))
+        return TactilePart(
+            clock,
+            Bridge(MemoryTransport(device, clock), clock),
+            configured_pads(tactile),
+            LatestReader(orders),
+            (LatestSender(states), front),
+            period_s=tactile.period_s,
+            touch=TouchSettings(tactile.touch_N, tactile.release_N),
+        )
+
+    def _tactile_step(self, part: TactilePart) -> Callable[[], int | None]:
+        """A frame when it is ready: its forces are those of that moment."""
+        device, clock = self.devices.pads, self._clocks["tactile"]
+        assert device is not None
+
+        def step() -> int | None:
+            ready_ns = device.next_frame_ns()
+            if ready_ns is not None and ready_ns > clock.now_ns():
+                return ready_ns
+            try:
+                part.step()
+            except DeviceError:
+                return None  # as its process ends
+            return device.next_frame_ns()
+
+        return step
 
     @property
     def world(self) -> World:

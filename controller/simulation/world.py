@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from calibration.hand.parameters import Hand
 from calibration.objects.parameters import GraspObject
+from controller.simulation.fingertip_force import fingertip_forces_N
 from controller.simulation.world_model import Imperfections, Placement, WorldModel, build_world_model
 from controller.simulation.world_object import TIP_FRICTION, ObjectSetting
 from drivers.clock import nanoseconds
@@ -176,6 +177,13 @@ class World:
         if not self._hand_only:
             raise InputError("the spools belong to the motors; expected hand_only = True.")
         self._data.qvel[self._parts.spool] = _vector("rate_rad_s", rate_rad_s, 2)
+
+    # Fingertips
+
+    def fingertip_force_N(self) -> tuple[float, float]:
+        """Normal force at the right and left fingertip in the last physics step: what tactile pads on them feel."""
+        right, left = fingertip_forces_N(self._model, self._data, self._parts.tip_geom.tolist()).tolist()
+        return right, left
 
     # Object
 

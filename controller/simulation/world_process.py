@@ -29,6 +29,7 @@ from drivers.errors import InputError
 from drivers.simulated.safety_watch import SafetySettings
 from drivers.simulated.seqpacket_can import SeqpacketHub
 from drivers.simulated.serial_lines import PtyServer
+from drivers.simulated.takktile_lines import TakktileServer
 from drivers.simulated.wam import SimulatedWam
 from drivers.wam.parameters import load_wam_parameters
 
@@ -55,7 +56,12 @@ def run_world(assignment: Assignment, lifeline: Lifeline, stop: StopRequests) ->
                 priority = config.cycle.priority - _BELOW_CYCLE
                 enter_realtime(RealtimeSettings(priority=priority if priority > 0 else None, freeze_garbage=True))
                 clock.resume()
-                _loop(devices, hub, pty, clock, lifeline, stop)
+                with contextlib.ExitStack() as stack:
+                    pads = None
+                    if config.tactile is not None and devices.pads is not None:
+                        pads = TakktileServer(config.tactile.channel, devices.pads, clock)
+                        stack.callback(pads.close)
+                    _loop(devices, hub, pty, pads, clock, lifeline, stop)
             finally:
                 link.unlink(missing_ok=True)
         finally:
@@ -83,12 +89,21 @@ def simulated_devices(
 
 
 def _loop(
-    devices: Devices, hub: SeqpacketHub, pty: PtyServer, clock: SteppedClock, lifeline: Lifeline, stop: StopRequests
+    devices: Devices,
+    hub: SeqpacketHub,
+    pty: PtyServer,
+    pads: TakktileServer | None,
+    clock: SteppedClock,
+    lifeline: Lifeline,
+    stop: StopRequests,
 ) -> None:
     def say(text: str) -> None:
         lifeline.say(Word.SAID, text)
 
-    loop = DeviceLoop(clock, devices.world.advance_to, (hub, pty), lambda: [*hub.filenos(), *pty.filenos()], say)
+    served: list[SeqpacketHub | PtyServer | TakktileServer] = [hub, pty, *([] if pads is None else [pads])]
+    loop = DeviceLoop(
+        clock, devices.world.advance_to, served, lambda: [number for bus in served for number in bus.filenos()], say
+    )
     lifeline.say(Word.READY)
     ending_ns = 0
     while True:

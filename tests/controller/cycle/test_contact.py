@@ -125,3 +125,39 @@ def test_samples_that_are_not_finite_are_passed_over(excursion_m: float, load_N:
     assert search.touch is Touch.TOUCHING
     assert math.isfinite(search.contact_excursion_m)
     assert math.isfinite(search.onset_load_N)
+
+
+def test_a_pad_says_where_contact_was() -> None:
+    """The pad's own excursion of first contact, weighed with the table's by their variances; not that of the load."""
+    search = searching()
+    Finger(None).wind(search, end_m=0.0119)
+    assert search.take_pad(0.0119) is Touch.TOUCHING
+    share = SETTINGS.table_deviation_m**2 / (SETTINGS.table_deviation_m**2 + SETTINGS.pad_deviation_m**2)
+    assert search.contact_excursion_m == pytest.approx(0.012 - share * 0.0001, abs=1e-9)
+    known_m = search.contact_excursion_m
+    Finger(0.0119).wind(search)
+    search.take_pad(0.0125)
+    assert search.contact_excursion_m == known_m
+
+
+def test_a_pad_overrides_the_load() -> None:
+    """A rise that is contact without a pad is none while the pad is silent; a rise far beyond is contact beside it."""
+    contact_m, difference = 0.0117, EXPECTED.loaded_slope_N_per_m - EXPECTED.free_slope_N_per_m
+
+    def wind(search: FingerContact, start_m: float, end_m: float, padded: bool) -> None:
+        for excursion_m in np.arange(start_m, end_m, 5e-6).tolist():
+            load_N = EXPECTED.free_slope_N_per_m * excursion_m + max(0.0, excursion_m - contact_m) * difference
+            search.take(excursion_m, load_N, slow=True, padded=padded)
+
+    for padded in (False, True):
+        search = searching()
+        wind(search, 0.0100, 0.0122, padded)
+        assert search.touch is (Touch.FREE if padded else Touch.TOUCHING)
+    wind(search, 0.0122, 0.01348, padded=True)
+    assert search.touch is Touch.TOUCHING
+
+
+def test_a_pad_that_touches_far_before_the_object_is_early() -> None:
+    """Something else is between the fingers, or the pad touched already when closing began."""
+    assert searching().take_pad(EXPECTED.contact_excursion_m - 1.1 * SETTINGS.gate_m) is Touch.EARLY
+    assert searching().take_pad(math.nan) is Touch.FREE
