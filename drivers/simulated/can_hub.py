@@ -7,6 +7,7 @@ becomes visible when the wire would have delivered it. Times in ns. Source: WAM 
 from __future__ import annotations
 
 import errno
+import os
 from collections import deque
 from collections.abc import Sequence
 
@@ -166,4 +167,5 @@ class MemoryCanBus:
         if self._closed:
             raise BusError("simulated CAN", "the bus is closed.", help="Open it again.")
         if self._hub._times_unplugged() != self._adapter:
-            raise BusError("simulated CAN", "the adapter is gone.", help="Plug it in and open the bus again.")
+            gone = OSError(errno.ENODEV, os.strerror(errno.ENODEV))
+            raise BusError("simulated CAN", "the adapter is gone.", help="Plug it in and open the bus again.") from gone

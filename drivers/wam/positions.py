@@ -5,13 +5,13 @@ motors of different moments never mix: a reading is whole or it is not used. Wit
 from the last whole one, with its filtered speed, for a few cycles; then the last whole one stands, with its own time.
 Source: WAM reference 2.5, 4.6, 4.7, 5.1, 5.4, 7.
 
-    stale        a reply that waited before the request, or the less likely of two from one puck
-    implausible  more than a quarter motor turn from the last (btclient's rule), half a turn once one was missed
+    stale        a reply that waited before the request, or the earlier of two from one puck
+    implausible  more than a quarter motor turn from the last (btclient's rule), half a turn once one was missed; before
+                 the first reading a quarter turn for each period that has passed since start-up, eight turns at most
     jumped       three such in a row that agree among themselves: the counter has moved, its zero is lost
 
-Of two answers of one puck in one reading, the one nearer to where the motor was heading counts: the other belongs to an
-earlier request or to somebody else. Replies that come out of the order of nodes make the driver wait their usual time,
-so that a stale one cannot end the reading before the true one is there.
+Of two answers of one puck in one reading the later counts: the other belongs to an earlier request. Replies
+that come out of the order of nodes make the driver wait their usual time, so that a stale one cannot end the reading before the true one is there.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ SAMPLING_DELAY_NS = 75_000
 """From the position request to the moment the encoders are sampled (WAM reference 4.7)."""
 VELOCITY_FILTER_RAD_S = 180.0
 _JUMP_READINGS = 3
+_PERIOD_NS = 2_000_000
+_MOST_FIRST_QUARTERS = 32
 _CABLE_STRETCH_RAD = 0.05
 """Beyond this a joint encoder and its motor do not tell of the same joint, and the motor is believed [assumed]."""
 _TURN = 2.0 * np.pi
@@ -90,7 +92,6 @@ class PositionReader:
         self._quarter_turn = [counts // 4 for counts in counts_per_turn]
         self._joint_per_count = np.array([motor_to_joint(row) for row in np.diag(_TURN / np.array(counts_per_turn))]).T
         self._counts = list(motor_counts)
-        self._before = list(motor_counts)
         self._missed = [0] * JOINTS
         self._odd: list[tuple[int, int]] = [(0, 0)] * JOINTS
         self._encoders = encoders if encoders is not None else JointEncoders()
@@ -106,6 +107,9 @@ class PositionReader:
     def begin(self, request_ns: int, *, stale: int = 0) -> None:
         """Positions have been asked for; `stale` of an earlier request were dropped before."""
         self._sample_ns = request_ns + SAMPLING_DELAY_NS
+        if self._from_rest:
+            elapsed_ns = self._sample_ns - self._whole_ns
+            self._first_quarters = min(_MOST_FIRST_QUARTERS, 1 + elapsed_ns // _PERIOD_NS)
         self._fresh: list[int | None] = [None] * JOINTS
         self._last_motor = -1
         self.replies = self._rejected = self._malformed = 0
@@ -131,21 +135,19 @@ class PositionReader:
             return
         counts, joint_counts = decoded
         # A motor that was missing may have turned for longer; more than half a turn is implausible in any case.
-        allowed = self._quarter_turn[motor] << (self._missed[motor] > 0)
+        allowed = self._quarter_turn[motor] * (
+            self._first_quarters if self._from_rest else 1 + (self._missed[motor] > 0)
+        )
         if not -allowed <= counts - self._counts[motor] <= allowed:
             self._reject(motor, counts)
             return
         if motor <= self._last_motor:
             self.orderly = False
         self._last_motor = motor
-        known = self._fresh[motor]
-        if known is None:
+        if self._fresh[motor] is None:
             self.replies += 1
         else:
             self._stale += 1
-            heading = 2 * self._counts[motor] - self._before[motor]
-            if abs(known - heading) < abs(counts - heading):
-                return
         self._fresh[motor] = counts
         self._joint_counts[motor] = joint_counts
 
@@ -166,7 +168,7 @@ class PositionReader:
         fresh = self._fresh
         complete = self.replies == JOINTS
         if complete:
-            self._before, self._counts = self._counts, fresh  # type: ignore[assignment]  # none of seven is None
+            self._counts = fresh  # type: ignore[assignment]  # none of seven is None
             if self._incomplete:
                 self._missed = [0] * JOINTS
                 self._odd = [(0, 0)] * JOINTS
@@ -178,7 +180,7 @@ class PositionReader:
                 if counts is None:
                     self._missed[motor] += 1
                 else:
-                    self._before[motor] = self._counts[motor] = counts
+                    self._counts[motor] = counts
                     self._missed[motor] = 0
                     self._odd[motor] = (0, 0)
         age_ns = self._sample_ns - self._whole_ns
