@@ -10,8 +10,9 @@ Source: WAM reference 2.5, 4.6, 4.7, 5.1, 5.4, 7.
                  the first reading a quarter turn for each period that has passed since start-up, eight turns at most
     jumped       three such in a row that agree among themselves: the counter has moved, its zero is lost
 
-Of two answers of one puck in one reading the later counts: the other belongs to an earlier request. Replies
-that come out of the order of nodes make the driver wait their usual time, so that a stale one cannot end the reading before the true one is there.
+Of two answers of one puck in one reading the later counts: the other belongs to an earlier request. Replies that come
+out of the order of nodes make the driver wait their usual time, so that a stale one cannot end the reading before the
+true one is there.
 """
 
 from __future__ import annotations
@@ -169,7 +170,7 @@ class PositionReader:
         complete = self.replies == JOINTS
         if complete:
             self._counts = fresh  # type: ignore[assignment]  # none of seven is None
-            if self._incomplete:
+            if self._incomplete or self._rejected:
                 self._missed = [0] * JOINTS
                 self._odd = [(0, 0)] * JOINTS
                 self._incomplete = 0
