@@ -24,7 +24,7 @@ from drivers.simulated.dynamixel_orders import (
     order_of_protocol_2,
     time_based_profile,
 )
-from drivers.simulated.dynamixel_rules import LIMIT_OF, refusal
+from drivers.simulated.dynamixel_rules import baud_code, ram_after_power_up, refusal
 from drivers.simulated.dynamixel_stress import MotorStress
 from drivers.simulated.dynamixel_table import ControlTable, Refusal
 
@@ -70,7 +70,7 @@ class SimulatedMotor:
         self._table = ControlTable(model)
         self._values = self._table.values
         self._values["id"] = motor_id
-        self._values["baud_rate"] = _baud_code(model, baud)
+        self._values["baud_rate"] = baud_code(model, baud)
         if firmware is not None:
             self._values["firmware"] = firmware
         self._position_range = _range(model, "present_position")
@@ -154,17 +154,8 @@ class SimulatedMotor:
 
     def power_up(self) -> None:
         """As after switching on: RAM as delivered, the goal here, position within one turn, no error, no torque."""
-        values, eeprom_end = self._values, self.model.eeprom_end
-        for register in self.model.registers.values():
-            if register.address >= eeprom_end:
-                values[register.name] = register.default
-        for goal, limit in LIMIT_OF.items():
-            if goal in values and goal != "goal_velocity":
-                values[goal] = values[limit]
-        if "max_torque" in values:
-            values["torque_limit"] = values["max_torque"]
-        if "startup_configuration" in values:
-            values["torque_enable"] = values["startup_configuration"] & 1
+        values = self._values
+        values.update(ram_after_power_up(self.model, values))
         self._to_one_turn()
         self._held_ticks = self._timed = None
         self._alarms = 0
@@ -400,11 +391,3 @@ class SimulatedMotor:
 def _range(model: MotorModel, name: str) -> tuple[int, int]:
     register = model.registers[name]
     return register.minimum, register.maximum
-
-
-def _baud_code(model: MotorModel, baud: int) -> int:
-    for code, rate in model.bauds.items():
-        if abs(rate - baud) <= 0.01 * rate:
-            return code
-    known = ", ".join(str(rate) for rate in sorted(model.bauds.values()))
-    raise InputError(f"a {model.name} has no baud rate {baud}; expected one of {known}.")

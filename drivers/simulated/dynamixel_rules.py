@@ -1,4 +1,4 @@
-"""Which values a simulated motor takes, per protocol. Pure functions of its registers.
+"""Which values a simulated motor takes, and has after switching on, per protocol. Pure functions of its registers.
 
 Source: dynamixel reference 2.2, 2.3, 6.2, 6.3. What a motor of protocol 1.0 answers to a write into its locked EEPROM
 is not documented; it is refused here.
@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from drivers.dynamixel.control_tables import MotorModel, Register
+from drivers.errors import InputError
 from drivers.simulated.dynamixel_orders import (
     CURRENT_BASED_POSITION,
     CURRENT_MODE,
@@ -34,6 +35,28 @@ def refusal(model: MotorModel, values: Mapping[str, int], register: Register, va
     if not register.minimum <= value <= register.maximum:
         return Refusal.DATA_RANGE
     return (_protocol_2 if model.protocol == 2 else _protocol_1)(model, values, register, value)
+
+
+def ram_after_power_up(model: MotorModel, values: Mapping[str, int]) -> dict[str, int]:
+    """All registers of the RAM after switching on: as delivered, or as the EEPROM says."""
+    ram = {r.name: r.default for r in model.registers.values() if r.address >= model.eeprom_end}
+    for goal in ("goal_pwm", "goal_current"):
+        if goal in ram:
+            ram[goal] = values[LIMIT_OF[goal]]
+    if "max_torque" in values:
+        ram["torque_limit"] = values["max_torque"]
+    if "startup_configuration" in values:
+        ram["torque_enable"] = values["startup_configuration"] & 1
+    return ram
+
+
+def baud_code(model: MotorModel, baud: int) -> int:
+    """Register value of a baud rate. InputError for one that the model does not have."""
+    for code, rate in model.bauds.items():
+        if abs(rate - baud) <= 0.01 * rate:
+            return code
+    known = ", ".join(str(rate) for rate in sorted(model.bauds.values()))
+    raise InputError(f"a {model.name} has no baud rate {baud}; expected one of {known}.")
 
 
 def _protocol_2(model: MotorModel, values: Mapping[str, int], register: Register, value: int) -> Refusal:
