@@ -66,7 +66,12 @@ def test_refuses_a_table_for_other_hands() -> None:
         sample,
         tendons=["right", "left", "thumb"],
         channels=[*sample.channels, "a", "b", "c"],
-        contact=msgspec.structs.replace(sample.contact, tension_N=[*sample.contact.tension_N, 0.0]),
+        contact=msgspec.structs.replace(
+            sample.contact,
+            excursion_m=[*sample.contact.excursion_m, 0.0],
+            tension_N=[*sample.contact.tension_N, 0.0],
+            free_closing_stiffness_N_per_m=[*sample.contact.free_closing_stiffness_N_per_m, 1.0],
+        ),
     )
     arrays = dict(TABLE.arrays)
     for name, array in arrays.items():
