@@ -1,0 +1,159 @@
+"""Processor time of the tendon motors' driver, as fast as the motors answer, on a pseudo terminal.
+
+    python -m benchmarks.bench_motor_bus [--json] [--seconds N] [--model XM430-W350 …]
+
+`stillgrasp simulate dynamixel` runs in a process of its own and keeps the wire's time; this process exchanges new goals
+and readings with both motors without a pause (*full rate*), as a hand process at 400 Hz at most would. The share is
+processor time of this process by wall time; on a real bus waiting is the same select. Beside it, the unmodified
+dynamixel-sdk does the same group read. Target: 10 % of a 2.5 GHz core at full rate, 15 % for the whole hand process.
+Nothing here passes or fails.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import dynamixel_sdk
+from rich.console import Console
+from rich.table import Table
+
+from drivers.clock import MonotonicClock
+from drivers.dynamixel.byte_line import SerialLine
+from drivers.dynamixel.control_tables import MotorModel, model_by_name
+from drivers.dynamixel.discovery import reply_margin_s
+from drivers.dynamixel.port import WaitingPort
+from drivers.dynamixel.settings import MotorSettings
+from drivers.dynamixel.tendons import TendonPair
+
+TARGET_PERCENT = 10.0
+IDS = (1, 2)
+POLL_NS = 2_500_000
+_SIMULATED_MARGIN_S = 0.05
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(prog="bench_motor_bus", description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
+    parser.add_argument("--seconds", type=float, default=2.0, help="of each measurement (default 2)")
+    parser.add_argument("--model", nargs="+", default=["XM430-W350", "MX-28"], help="motors' models")
+    parser.add_argument("--baud", type=int, default=1_000_000)
+    chosen = parser.parse_args(arguments)
+    results = [measure(model_by_name(name), chosen.baud, chosen.seconds) for name in chosen.model]
+    if chosen.json:
+        print(json.dumps(results))
+    else:
+        show(results, Console())
+
+
+def measure(model: MotorModel, baud: int, duration_s: float) -> dict[str, Any]:
+    """All figures of one model."""
+    with simulated(model, baud) as path:
+        figures = {"model": model.name, "baud": baud, "driver": driver(path, model, baud, duration_s)}
+        figures["driver_at_400_hz"] = driver(path, model, baud, duration_s, period_ns=POLL_NS)
+        figures["sdk"] = vendor_sdk(path, model, duration_s)
+    return figures
+
+
+@contextlib.contextmanager
+def simulated(model: MotorModel, baud: int) -> Iterator[str]:
+    """Path of the pseudo terminal with two motors behind it."""
+    program = str(Path(sys.executable).with_name("stillgrasp"))
+    command = [program, "simulate", "dynamixel", "--model", model.name, "--baud", str(baud), "--json", "--ids"]
+    command += map(str, IDS)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        if not line:
+            raise SystemExit(f"`{' '.join(command)}` did not start.")
+        yield json.loads(line)["port"]
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def driver(path: str, model: MotorModel, baud: int, duration_s: float, period_ns: int = 0) -> dict[str, float]:
+    """This project's driver: new goals and ceilings out, everything in."""
+    clock = MonotonicClock()
+    line = SerialLine(path, baud)
+    try:
+        port = WaitingPort(line, clock, baud=baud, reply_margin_s=max(_SIMULATED_MARGIN_S, reply_margin_s(None)))
+        right, left = (MotorSettings(motor_id, 1, 0, model=model.name) for motor_id in IDS)
+        pair = TendonPair(port, clock, (right, left))
+        pair.start()
+        exchanges = missed = 0
+        start_s, start_cpu_s = time.monotonic(), time.process_time()
+        deadline_ns = clock.now_ns()
+        while time.monotonic() - start_s < duration_s:
+            excursion_m = 1e-5 * (exchanges % 200)
+            pair.set_excursion(excursion_m, excursion_m, (20.0, 20.0))
+            missed += max(pair.exchange().missed) > 0
+            exchanges += 1
+            deadline_ns += period_ns
+            clock.sleep_until_ns(deadline_ns)
+        return _share(exchanges, missed, time.monotonic() - start_s, time.process_time() - start_cpu_s)
+    finally:
+        line.close()
+
+
+def vendor_sdk(path: str, model: MotorModel, duration_s: float) -> dict[str, float]:
+    """The unmodified SDK: a group read of effort, velocity and position; protocol 1.0 has none, so one read each."""
+    port = dynamixel_sdk.PortHandler(path)
+    port.openPort()
+    handler = dynamixel_sdk.PacketHandler(float(model.protocol))
+    group = dynamixel_sdk.GroupSyncRead(port, handler, 126, 10) if model.protocol == 2 else None
+    if group is not None:
+        for motor_id in IDS:
+            group.addParam(motor_id)
+    exchanges = missed = 0
+    start_s, start_cpu_s = time.monotonic(), time.process_time()
+    while time.monotonic() - start_s < duration_s:
+        if group is not None:
+            missed += group.txRxPacket() != 0
+        else:
+            missed += any(handler.readTxRx(port, motor_id, 36, 8)[1] != 0 for motor_id in IDS)
+        exchanges += 1
+    figures = _share(exchanges, missed, time.monotonic() - start_s, time.process_time() - start_cpu_s)
+    port.closePort()
+    return figures
+
+
+def show(results: list[dict[str, Any]], console: Console) -> None:
+    """A table, a line a measurement."""
+    table = Table(title=f"tendon motors; target {TARGET_PERCENT:.0f} % of a core at full rate")
+    for heading in ("model", "what", "exchanges/s", "processor µs each", "share of a core", "missed"):
+        table.add_column(heading, justify="left" if heading in ("model", "what") else "right")
+    texts = {"driver": "driver, full rate", "driver_at_400_hz": "driver, 400 Hz", "sdk": "dynamixel-sdk, read only"}
+    for result in results:
+        for key, text in texts.items():
+            row = result[key]
+            values = (
+                f"{row['rate_hz']:.0f}",
+                f"{row['cpu_us']:.0f}",
+                f"{row['share_percent']:.1f} %",
+                str(row["missed"]),
+            )
+            table.add_row(result["model"], text, *values)
+    console.print(table)
+
+
+def _share(exchanges: int, missed: int, wall_s: float, cpu_s: float) -> dict[str, float]:
+    return {
+        "rate_hz": exchanges / wall_s,
+        "cpu_us": cpu_s / exchanges * 1e6,
+        "share_percent": 100.0 * cpu_s / wall_s,
+        "missed": missed,
+    }
+
+
+if __name__ == "__main__":
+    main()
