@@ -30,7 +30,7 @@ from calibration.motion_table import FORMAT_VERSION, GRIDS, ContactData, MotionT
 from calibration.objects import GraspObject
 from drivers.errors import MechanicsError, TableError
 
-MODEL_VERSION = 3
+MODEL_VERSION = 4
 """Raise it when the equations change, so that stored tables are built again."""
 NODES = 41
 DIFFERENCE_RANGE_M = 2e-3

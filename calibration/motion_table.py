@@ -3,7 +3,8 @@
 Native index: mean and difference (right − left) of the finger-side tendon excursions since first contact, m. Second
 index: mean tendon load, N, and the same difference. Poses are of the object in the hand frame, 6-D: position, m, and
 rotation vector, rad; motion is since first contact (negative y: towards the palm). Planar hands fill x, y and the
-rotation about z. Tendon and finger order: right, left. Source: design 4.
+rotation about z. Tendon and finger order: right, left. A supported object drags: then loads jump at first contact, and
+the load index begins above the contact's own load. Source: design 4.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class Status(enum.Enum):
     OUTSIDE = "outside"
     """Not in the domain: the values are those at its nearest edge and the Jacobian is zero. Do not use them to move."""
     FROZEN = "frozen"
-    """All closing joints are at their stops: the pose stands still while the load rises."""
+    """All closing joints are at their stops: the pose stands still (with flexures it creeps) while the load rises."""
     INVALID = "invalid"
     """No equilibrium was found near here: contact pose, zero Jacobian. Do not use it to move."""
 
@@ -178,8 +179,8 @@ class MotionTable:
 
     def at_load(self, mean_N: float, difference_m: float) -> TableSample:
         """Look up by mean tendon load, N, and excursion difference right − left, m. Beyond `load_range` the load no
-        longer tells the pose, until all stops are met: then the pose is frozen and the contact forces rise with the
-        load."""
+        longer tells the pose, until all stops are met: then contact forces rise with the load, and the pose is frozen;
+        with flexures it creeps on, as far as that is linear in the load."""
         grid = self._load
         rows = grid.inside(mean_N, difference_m)
         if rows is not None:
