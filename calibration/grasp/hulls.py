@@ -34,7 +34,7 @@ class Body(Protocol):
 
 @dataclass(frozen=True)
 class Hull:
-    """Convex hull of discs: `centres` (B, K) in counter-clockwise order, `radii_m` (K,)."""
+    """Convex hull of discs: `centres` (B, K) in counter-clockwise order, `radii_m` (K,); none hides another."""
 
     centres: Complexes
     radii_m: Reals
