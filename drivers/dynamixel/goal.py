@@ -43,6 +43,13 @@ class TendonGoal:
         self._phase = LoadPhase.WINDING
         self._holding = False
         self._at_ceiling_since_s: float | None = None
+        gain = settings.gain(model)
+        self._output_per_tick = model.output_per_tick(gain)
+        self._ceiling_ticks = model.ceiling_unit / model.holding_effort_per_tick(gain)
+        """Lead, ticks, that asks for one count of the ceiling."""
+        self._effort_per_tick = model.holding_effort_per_tick(gain)
+        self._derated: tuple[float | None, bool, float] | None = None
+        """Cap, holding and factor for which the ceiling was worked out."""
 
     @property
     def takes_ceilings(self) -> bool:
@@ -56,9 +63,7 @@ class TendonGoal:
 
     def commanded(self, ticks: int) -> int:
         """The goal for the wire, from the measured position, ticks."""
-        ceiling_lead = self.ceiling * self._model.ceiling_unit / self._effort_per_tick
-        output_lead = LEAD_OUTPUT / self._model.output_per_tick(self._settings.gain(self._model))
-        longest = 1 + round(max(ceiling_lead, output_lead))
+        longest = 1 + round(max(self.ceiling * self._ceiling_ticks, LEAD_OUTPUT / self._output_per_tick))
         return max(ticks - longest, min(ticks + longest, self.ticks))
 
     def check(self, excursion_m: float, cap_N: float) -> int:
@@ -87,6 +92,8 @@ class TendonGoal:
 
     def check_cap(self, cap_N: float) -> None:
         """InputError for a load cap that is no tension, or above what the motor may give."""
+        if cap_N == self._cap_N:
+            return  # it was taken before
         counts, limit = self._settings.ceiling_counts(cap_N, self._model), self._found.ceiling_limit
         if counts > limit:
             unit = self._model.ceiling_unit
@@ -142,6 +149,10 @@ class TendonGoal:
 
     def derate(self, factor: float) -> None:
         """Work the ceiling out for this part of the cap."""
+        conditions = self._cap_N, self._holding, factor
+        if conditions == self._derated:
+            return
+        self._derated = conditions
         if self._cap_N is not None:
             counts = self._settings.ceiling_counts(self._cap_N * factor, self._model)
             self.ceiling = min(counts, self._found.ceiling_limit)
@@ -149,16 +160,9 @@ class TendonGoal:
         if holding_N is not None and self._holding:
             self.ceiling = min(self.ceiling, self._settings.ceiling_counts(holding_N * factor, self._model))
 
-    @property
-    def _effort_per_tick(self) -> float:
-        return self._model.holding_effort_per_tick(self._settings.gain(self._model))
-
     def _follow_load(self, load_N: float, elapsed_s: float, ticks: int, effort: float, rate_m_s: float) -> None:
         settings, model = self._settings, self._model
-        gain = settings.gain(model)
-        lead_ticks = 1 + round(
-            self.ceiling * model.ceiling_unit / self._effort_per_tick + LOAD_OUTPUT / model.output_per_tick(gain)
-        )
+        lead_ticks = 1 + round(self.ceiling * self._ceiling_ticks + LOAD_OUTPUT / self._output_per_tick)
         step = load_step(
             settings.load_law,
             self._phase,
