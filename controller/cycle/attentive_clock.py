@@ -16,19 +16,27 @@ from drivers.clock import Clock, Readable
 class AttentiveClock:
     """Another `Clock`, and while it is `attended` a call each time that a deadline has come."""
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: Clock, meanwhile: Callable[[], None] = lambda: None) -> None:
+        """`meanwhile` goes before each such call: on virtual time it lets the others catch up."""
         self._clock = clock
+        self._meanwhile = meanwhile
         self._attend: Callable[[], None] | None = None
         self._due_ns: Callable[[], int] = lambda: 0
 
     @contextmanager
     def attended(self, attend: Callable[[], None], due_ns: Callable[[], int]) -> Iterator[None]:
         """Within, call `attend` during waits as soon as `due_ns()` has come; it moves that on."""
-        self._attend, self._due_ns = attend, due_ns
+        outer = self._attend, self._due_ns
+
+        def turn() -> None:
+            self._meanwhile()
+            attend()
+
+        self._attend, self._due_ns = turn, due_ns
         try:
             yield
         finally:
-            self._attend = None
+            self._attend, self._due_ns = outer
 
     def now_ns(self) -> int:
         return self._clock.now_ns()

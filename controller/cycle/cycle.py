@@ -7,17 +7,17 @@ Here they only take turns. Nothing in this file or below it logs, starts a threa
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.motion_table import MotionTable
 from controller.cycle.arm_model import ArmModel
 from controller.cycle.arm_motion import ArmMotion
 from controller.cycle.arm_supervision import ArmSupervision, Found
 from controller.cycle.attentive_clock import AttentiveClock
+from controller.cycle.command_queue import CommandQueue
 from controller.cycle.compensation import STILL, OffsetSmoother
 from controller.cycle.cycle_record import CycleRecorder
 from controller.cycle.grasp_state import ArmState
@@ -36,7 +36,7 @@ from controller.messages import (
 )
 from controller.service.links import LatestReader, LatestSender, OrderedReader, OrderedSender
 from drivers.clock import Clock, nanoseconds
-from drivers.errors import BusError, TableError
+from drivers.errors import BusError
 from drivers.wam.arm import Arm, ArmSample
 from drivers.wam.safety_puck import ArmMode
 from drivers.wam.startup import Operator
@@ -113,15 +113,15 @@ class Cycle:
         self._hand: HandState | None = None
         self._newest_hand: tuple[bytes, int] | None = None
         self._hand_sample_ns = 0
-        self._waiting: CycleCommand | None = None
         self._sample: ArmSample | None = None
         self._torque = np.zeros(7)
         self._governor = 1.0
+        self._commands = CommandQueue(links.commands, parts.grasping)
         self._record = CycleRecorder(self, parts, links.records)
         self.cpu_us = 0.0
         """Processor time of the last period."""
         self._idle_deadline_ns: int | None = None
-        self._left_active = False
+        self._left_active = self._asked = False
         self._has_read = False
         self._outcomes: list[Outcome] = parts.grasping.outcomes
 
@@ -140,11 +140,11 @@ class Cycle:
         began_ns = self._processor_time_ns()
         now_ns = self.pacer.begin()
         self._has_read = False
-        asked = self._on_bus(self._parts.arm.request_positions)
+        self._asked = self._on_bus(self._parts.arm.request_positions)
         self._listen(now_ns)
         self._grasp(now_ns)
         self._move()
-        if asked and self._on_bus(lambda: self._feel(now_ns)):
+        if self._asked and self._on_bus(lambda: self._feel(now_ns)):
             self._on_bus(self._act)
         if self._parts.orders.shutting_down and not self._parts.motion.moving:
             self._go_idle()
@@ -173,8 +173,8 @@ class Cycle:
             reason = self._take(command)
             accepted = reason is Reason.NONE
             self._tell_event(EventKind.ACCEPTED if accepted else EventKind.REJECTED, command.token, reason, ())
-            self._tell_outcomes()
-        if self._links.commands.closed and not self._parts.orders.shutting_down:
+            self._tell_outcomes(self._outcomes)
+        if self._commands.closed and not self._parts.orders.shutting_down:
             self._parts.orders.take(CycleCommand(CommandKind.SHUTDOWN, 0))
 
     def _take(self, command: CycleCommand) -> Reason:
@@ -187,10 +187,16 @@ class Cycle:
 
     def _recover(self) -> Reason:
         """What can take seconds; all but the arm goes on meanwhile, if the clock allows."""
-        if not isinstance(self._clock, AttentiveClock):
-            return self._supervision.recover(self._sample)
-        with self._clock.attended(self._attend, lambda: self.pacer.deadline_ns):
-            return self._supervision.recover(self._sample)
+        clock = self._clock
+        with clock.attended(self._attend, self._due_ns) if isinstance(clock, AttentiveClock) else nullcontext():
+            reason = self._supervision.recover(self._sample)
+        if reason is Reason.NONE:
+            self._asked = False  # whatever was on its way, start-up has taken
+            self._parts.safety.reset()
+        return reason
+
+    def _due_ns(self) -> int:
+        return self.pacer.deadline_ns
 
     def _attend(self) -> None:
         """A period without the arm."""
@@ -318,47 +324,22 @@ class Cycle:
             self.finished = True
 
     def _next_command(self) -> CycleCommand | None:
-        """The next command that is due; tables are taken here because their memory travels beside the message."""
-        while True:
-            command, self._waiting = self._waiting, None
-            if command is None:
-                message = self._links.commands.receive()
-                if message is None:
-                    return None
-                command = CycleCommand.unpack(message.payload)
-                if command.kind is CommandKind.LOAD_TABLE:
-                    self._take_table(command, message.descriptors)
-                    continue
-            if command.effective_cycle > self.number:
-                self._waiting = command
-                return None
-            return command
-
-    def _take_table(self, command: CycleCommand, descriptors: tuple[int, ...]) -> None:
-        try:
-            reason = self._parts.grasping.use_table(MotionTable.from_memfd(descriptors[0]))
-        except (TableError, IndexError):
-            reason = Reason.NO_TABLE
-        for descriptor in descriptors:
-            os.close(descriptor)  # the mapping lives on without it
-        accepted = reason is Reason.NONE
-        self._tell_event(EventKind.ACCEPTED if accepted else EventKind.REJECTED, command.token, reason, ())
-        if accepted:
-            self._tell_event(EventKind.COMPLETED, command.token, reason, ())
+        command = self._commands.due(self.number)
+        self._tell_outcomes(self._commands.told)
+        return command
 
     def _tell_event(self, kind: EventKind, token: int, reason: Reason, values: tuple[float, ...]) -> None:
         event = CycleEvent(kind, token, self.number, reason, values)
         self._links.events.send(event.pack(), self._clock.now_ns())
 
-    def _tell_outcomes(self) -> None:
-        for outcome in self._outcomes:
+    def _tell_outcomes(self, outcomes: list[Outcome]) -> None:
+        for outcome in outcomes:
             self._tell_event(outcome.kind, outcome.token, outcome.reason, outcome.values)
-        self._outcomes.clear()
+        outcomes.clear()
 
     def _tell(self, now_ns: int) -> None:
         """Events of this period and one record of all that was seen and commanded."""
-        if self._outcomes:
-            self._tell_outcomes()
+        self._tell_outcomes(self._outcomes)
         sample = self._sample
         replies = sample.replies if sample is not None and self._has_read else 0
         self._record.write(sample, replies, self._hand, self._hand_sample_ns, self._torque, self._governor, now_ns)

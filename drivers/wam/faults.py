@@ -135,6 +135,7 @@ class FaultJudge:
 def _lit(pendant: PendantState) -> ArmFault | None:
     """The fault whose light is red."""
     for light, fault in (
+        (pendant.other, ArmFault.ESTOP),
         (pendant.velocity, ArmFault.VELOCITY),
         (pendant.torque, ArmFault.TORQUE),
         (pendant.voltage, ArmFault.VOLTAGE),

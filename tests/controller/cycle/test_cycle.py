@@ -17,6 +17,7 @@ from calibration.hand.parameters import load_hand
 from calibration.objects import load_object
 from controller.config import load_config
 from controller.cycle.arm_model import ArmModel
+from controller.cycle.attentive_clock import AttentiveClock
 from controller.cycle.cycle import Cycle, CycleLinks
 from controller.cycle.grasp_state import GraspEvent, GraspPhase
 from controller.messages import (
@@ -89,8 +90,9 @@ class Rig:
         self.clock = VirtualClock()
         self.wam = SimulatedWam(StandingArm(), PARAMETERS, zeroed=True)
         self.hub = MemoryCanHub([self.wam])
-        self.bus = BreakableBus(MemoryCanBus(self.hub, self.clock))
-        self.parts = cycle_parts(CONFIG, self.bus, self.clock)
+        attentive = AttentiveClock(self.clock)
+        self.bus = BreakableBus(MemoryCanBus(self.hub, attentive))
+        self.parts = cycle_parts(CONFIG, self.bus, attentive)
         self.command_link = self._link()
         event_link, record_link, state_link, set_point_link = (self._link() for _ in range(4))
         self._commands, self._events = OrderedSender(self.command_link), OrderedReader(event_link)
@@ -103,7 +105,8 @@ class Rig:
             LatestReader(state_link),
             LatestSender(set_point_link),
         )
-        self.cycle = Cycle(self.clock, links, self.parts)
+        self.said: list[str] = []
+        self.cycle = Cycle(attentive, links, self.parts, say=self.said.append)
         self.cycle.start()
 
     def _link(self) -> VirtualLink:
@@ -336,3 +339,48 @@ def test_a_refused_set_point_is_told_as_such(rig: Rig) -> None:
         rig.tell_hand(refused, sample_ns)
         rig.run(1)
     assert rig.told() == [(EventKind.FAULT, 0, Reason.HAND_REFUSED)]
+
+
+def test_fingers_come_free_while_the_arm_is_started(rig: Rig) -> None:
+    """Trapped fingers do not wait for pucks to wake: release is carried out in the middle of a start-up."""
+    rig.hold()
+    rig.press("estop")
+    rig.run(30, OPEN)
+    rig.press("release")
+    rig.press("idle")
+    rig.run(60, OPEN)
+    rig.events()
+    rig.records()
+    first = rig.cycle.number
+    rig.send(CommandKind.FAULT_CLEAR, token=7)
+    rig.send(CommandKind.FAULT_CLEAR, token=8, effective_cycle=first + 50)
+    rig.send(CommandKind.RELEASE, token=9, effective_cycle=first + 100)
+    rig.run(1, OPEN)
+    records = rig.records()
+    assert len(records) > 500  # over a second, and a record every period
+    assert np.all(np.diff([record["cycle"] for record in records]) == 1)
+    told = {(event.kind, event.token, event.reason): event.cycle - first for event in rig.events()}
+    assert told[EventKind.REJECTED, 8, Reason.BUSY] == 50
+    assert told[EventKind.ACCEPTED, 9, Reason.NONE] == 100
+    assert told[EventKind.COMPLETED, 7, Reason.NONE] > 500
+    rig.run(20, OPEN)
+    assert rig.set_point().mode is HandMode.OPEN
+    assert rig.wam.mode == 1
+
+
+def test_an_arm_that_cannot_be_started_keeps_its_fault(rig: Rig) -> None:
+    """The operator hears why, the fault stands, and clearing it may be tried again."""
+    rig.hold()
+    rig.wam.silent_nodes.update({2, 3})
+    rig.run(40, OPEN)
+    rig.events()
+    rig.send(CommandKind.FAULT_CLEAR, token=7)
+    rig.run(1, OPEN)
+    assert (EventKind.REJECTED, 7, Reason.ARM_NOT_READY) in rig.told()
+    assert any("[2, 3]" in text for text in rig.said)
+    rig.wam.silent_nodes.clear()
+    rig.run(2, OPEN)
+    rig.send(CommandKind.FAULT_CLEAR, token=8)
+    rig.run(1, OPEN)
+    assert (EventKind.COMPLETED, 8, Reason.NONE) in rig.told()
+    assert rig.parts.orders.fault is Reason.NONE
