@@ -161,7 +161,11 @@ class MemoryCanBus:
             self._hub._send(frame, self, self._clock.now_ns())
         except SendRefusedError as refusal:
             cause = can.CanOperationError(str(refusal), refusal.errno)
-            raise BusError("simulated CAN", f"frame {frame.identifier:#05x} could not be sent ({refusal}).") from cause
+            raise BusError(
+                "simulated CAN",
+                f"frame {frame.identifier:#05x} could not be sent ({refusal}).",
+                help="End the fault that refuses it; then start again.",
+            ) from cause
 
     def _check(self) -> None:
         if self._closed:
