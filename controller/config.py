@@ -17,6 +17,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
+from calibration.motor_file import read_motor_file
 from calibration.tactile_file import Cells
 from calibration.toml_files import FieldError, from_document, load_document, merged
 from controller.pose import Pose
@@ -145,7 +146,7 @@ class Tendons(_Table, frozen=True):
     frozen or stalled motor, where it is lower than the commanded one. From `derating_start_C` on a motor's load cap
     loses `derating_per_K` of itself with each kelvin. Beyond `stall_timeout_s` at its load cap and at rest, a motor
     gives up its goal and holds. `watchdog_s`: bus silence after which a motor stops and holds, 0 = never; protocol 1.0
-    has none.
+    has none. `own_file`: what `stillgrasp calibrate motors` measured on these motors, laid over this table.
     """
 
     port: Text
@@ -161,6 +162,7 @@ class Tendons(_Table, frozen=True):
     left: TendonMotor
     model: Text | None = None
     holding_cap_N: Annotated[float, Meta(gt=0, le=300)] | None = None
+    own_file: Text | None = None
 
     def __post_init__(self) -> None:
         if self.right.id == self.left.id:
@@ -308,7 +310,8 @@ def load_config(
     """The installation in the file `path`, laid over the default one; without `path` the default one.
 
     `simulated`: below the file lies `simulated.toml` too, which a simulation in real time needs. `overrides`, nested
-    like the file, are laid over all: what the command line decides. Raises ConfigurationError.
+    like the file, are laid over it: what the command line decides. What was measured on the tendon motors, in
+    `tendons.own_file`, lies over all; that file need not exist yet. Raises ConfigurationError.
     """
     file = DEFAULT_FILE if path is None else Path(path)
     document = load_document(DEFAULT_FILE)
@@ -318,7 +321,13 @@ def load_config(
         document = merged(document, load_document(file))
     document = merged(document, overrides or {})
     places = {"{runtime}": str(runtime_directory()), "{data}": str(data_directory())}
-    return from_document(_placed(document, places), RobotConfig, file)
+    document = _placed(document, places)
+    config = from_document(document, RobotConfig, file)
+    own_file = config.tendons.own_file
+    if own_file is None or not Path(own_file).exists():  # whoever starts the motors refuses to do without it
+        return config
+    measured = {"tendons": read_motor_file(Path(own_file)).laid_over_tendons()}
+    return from_document(merged(document, measured), RobotConfig, own_file)
 
 
 def runtime_directory() -> Path:

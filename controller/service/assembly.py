@@ -26,6 +26,7 @@ from controller.service.hand import HandSettings
 from drivers.clock import Clock
 from drivers.dynamixel.load_law import LoadLaw
 from drivers.dynamixel.settings import MotorSettings
+from drivers.errors import ConfigurationError
 from drivers.wam.arm import Arm
 from drivers.wam.bus import CanBus
 from drivers.wam.parameters import WamParameters, load_wam_parameters
@@ -153,7 +154,12 @@ def motor_drive(config: RobotConfig) -> MotorDrive:
 
 
 def tendon_motors(config: RobotConfig) -> tuple[MotorSettings, MotorSettings]:
-    """Settings of both tendon motors, right and left."""
+    """Settings of both tendon motors, right and left. ConfigurationError if they were not measured as the file says."""
+    own_file = config.tendons.own_file
+    if own_file is not None and not Path(own_file).exists():
+        raise ConfigurationError(
+            own_file, "file", "No such file", "what `stillgrasp calibrate motors` writes, or no tendons.own_file"
+        )
     return _motor(config.tendons, config.tendons.right), _motor(config.tendons, config.tendons.left)
 
 
