@@ -2,10 +2,10 @@
 
 Recording: a whole simulated robot grips and squeezes; every CAN frame that its cycle receives, every state of the hand
 and every command are kept by period. Replay: a new cycle of the same installation gets them again, period by period,
-over the same kinds of transport as on a robot: python-can and SEQPACKET sockets. The other ends of those sockets are
-filled before and emptied after each stage, outside the measurement; no simulated device runs, and MuJoCo does not evict
-the cycle's memory from the caches. The torque frames that the replayed cycle sends are compared with the recorded ones:
-it did the same work.
+over the same kinds of transport as on a robot: `struct can_frame` and links, both on sockets. The other ends of those
+sockets are filled before and emptied after each stage, outside the measurement; no simulated device runs, and MuJoCo
+does not evict the cycle's memory from the caches. The torque frames that the replayed cycle sends are compared with the
+recorded ones: it did the same work.
 
 What is measured is processor time of the thread, system calls included. Not measured: the wake-up itself before the
 period, and what a real CAN adapter's driver costs beyond a UNIX socket.
@@ -34,9 +34,12 @@ from controller.service.links import LatestReader, LatestSender, OrderedReader, 
 from controller.simulation import virtual_robot
 from controller.simulation.demo_cases import GraspCase, approach_joints, table_name
 from controller.simulation.virtual_robot import VirtualRobot
-from drivers.clock import VirtualClock
+from drivers.clock import Clock, VirtualClock
+from drivers.simulated.can_hub import MemoryCanBus
+from drivers.simulated.can_wire import Frame
 from drivers.simulated.seqpacket_can import SeqpacketBus, pack_frame, unpack_frame
-from drivers.wam.bus import CanBus, PythonCanBus
+from drivers.wam.bus import SocketCanBus
+from drivers.wam.frames import RawFrame
 
 STAGES = ("wake", "ask", "listen", "grasp", "smooth", "move", "feel", "act", "tell", "rest")
 LOAD_N, SQUEEZE_S = 66.0, 1.2
@@ -46,9 +49,9 @@ LOAD_N, SQUEEZE_S = 66.0, 1.2
 class Period:
     """What reached the cycle in one period, and the torque frames it sent."""
 
-    before_request: list[can.Message] = field(default_factory=list)
+    before_request: list[RawFrame] = field(default_factory=list)
     """Frames that waited when positions were asked for."""
-    replies: list[can.Message] = field(default_factory=list)
+    replies: list[RawFrame] = field(default_factory=list)
     hand: tuple[bytes, int] | None = None
     commands: list[bytes] = field(default_factory=list)
     sent: list[bytes] = field(default_factory=list)
@@ -70,13 +73,15 @@ class Recording:
 class _RecordingBus:
     """The cycle's bus in the simulation, noting what passes."""
 
-    def __init__(self, bus: CanBus) -> None:
+    def __init__(self, bus: MemoryCanBus) -> None:
         self._bus = bus
         self.answers: list[can.Message | None] = []
+        """In start-up, with the times when there was none."""
+        self.received: list[RawFrame] = []
+        """In the cycle."""
         self.sent: list[bytes] = []
 
     def send(self, message: can.Message) -> None:
-        self.sent.append(pack_frame(message))
         self._bus.send(message)
 
     def receive(self, deadline_ns: int) -> can.Message | None:
@@ -84,10 +89,15 @@ class _RecordingBus:
         self.answers.append(message)
         return message
 
-    @property
-    def received(self) -> list[can.Message]:
-        """Frames, without the times when there was none."""
-        return [message for message in self.answers if message is not None]
+    def send_frame(self, identifier: int, data: bytes) -> None:
+        self.sent.append(pack_frame(Frame(identifier, data)))
+        self._bus.send_frame(identifier, data)
+
+    def receive_frame(self, deadline_ns: int) -> RawFrame | None:
+        frame = self._bus.receive_frame(deadline_ns)
+        if frame is not None:
+            self.received.append(frame)
+        return frame
 
     def close(self) -> None:
         self._bus.close()
@@ -99,7 +109,7 @@ def record(config: RobotConfig, case: GraspCase) -> Recording:
     recording = Recording(config, table)
     buses: list[_RecordingBus] = []
 
-    def recorded_parts(config: RobotConfig, bus: CanBus, clock: VirtualClock) -> Parts:
+    def recorded_parts(config: RobotConfig, bus: MemoryCanBus, clock: Clock) -> Parts:
         buses.append(_RecordingBus(bus))
         return cycle_parts(config, buses[0], clock)
 
@@ -107,8 +117,7 @@ def record(config: RobotConfig, case: GraspCase) -> Recording:
     with patch.object(virtual_robot, "cycle_parts", recorded_parts):
         robot = VirtualRobot(config, scene)
     _watch(robot.cycle, buses[0], recording)
-    robot.run_for(0.05)
-    robot.press("activate")
+    robot.activate()
     robot.run_for(0.1)
     client = robot.client()
     client.grasp_preposition(
@@ -135,7 +144,7 @@ def _watch(cycle: Cycle, bus: _RecordingBus, recording: Recording) -> None:
         if not recording.periods:
             recording.start_up = bus.answers[:]
             recording.start_ns = cycle.pacer.deadline_ns - cycle.pacer.period_ns
-        bus.answers.clear()
+        bus.received.clear()
         bus.sent.clear()
         recording.periods.append(Period())
         step()
@@ -145,7 +154,7 @@ def _watch(cycle: Cycle, bus: _RecordingBus, recording: Recording) -> None:
     def watched_request() -> None:
         request()
         if recording.periods:  # not in start-up
-            recording.periods[-1].before_request = bus.received
+            recording.periods[-1].before_request = bus.received[:]
 
     def watched_receive() -> object:
         message = receive()
@@ -252,7 +261,7 @@ class Replay:
             self._wire, _ = listener.accept()
         channel.unlink()
         self._wire.setblocking(False)
-        self._bus = PythonCanBus(bus, self._clock)
+        self._bus = SocketCanBus(bus, self._clock)
         parts = cycle_parts(recording.config, self._bus, self._clock)
         ours: list[SocketLink] = []
         theirs: list[SocketLink] = []
@@ -342,9 +351,9 @@ class Replay:
         for owner, name, function in stages if self._stages else stages[:1]:
             setattr(owner, name, function)
 
-    def _feed(self, frames: list[can.Message]) -> None:
-        for message in frames:
-            self._wire.send(pack_frame(message))
+    def _feed(self, frames: list[RawFrame]) -> None:
+        for frame in frames:
+            self._wire.send(pack_frame(Frame(*frame)))
 
     def _drain(self) -> list[bytes]:
         """Empty our ends; the CAN frames that were sent."""

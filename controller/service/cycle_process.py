@@ -40,7 +40,7 @@ LONGEST_STOP_S = 5.0
 SIMULATED_PAUSE_S = 0.3
 """A simulated arm stands still while its process waits for a processor; neither that it is silent nor that it did not
 move is a fault before this. On virtual time, where nothing waits, the limits are those of hardware."""
-SIMULATED_READING = ReadingOptions(extrapolated_cycles=0, repeat=False)
+SIMULATED_READING = ReadingOptions(extrapolated_cycles=0, repeat=False, late_is_fault=False)
 """Its replies are late as often as its process has to wait: carrying its motion on would invent one, and asking again
 would keep it longer. The last whole reading stands, with its own time, and the joint control lets its torque stand."""
 LONGEST_OPERATOR_WAIT_S = 600.0

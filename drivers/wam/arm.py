@@ -56,6 +56,8 @@ class ReadingOptions:
     """So many cycles in a row the last whole reading is carried on; later, or with 0, it is given as it is."""
     repeat: bool = True
     """Ask once more within the cycle: at 0.72 ms, if seven more replies fit in before the deadline."""
+    late_is_fault: bool = True
+    """Replies that come late in most cycles are a fault."""
 
 
 class Arm:
@@ -76,7 +78,7 @@ class Arm:
         self._safety = SafetyPuck(bus, clock)
         self.watch = ArmWatch()
         """What is heard beside positions."""
-        self._judge = FaultJudge(self.watch)
+        self._judge = FaultJudge(self.watch, late_is_fault=self._options.late_is_fault)
         self._reader = PositionReader(self._options.extrapolated_cycles)
         self._requests = [(GROUP_BIT | GROUP_ARM, bytes((48,)))]
         self._torques = TorquePacking(parameters.units_per_Nm, parameters.motor_torque_limit_units, 42)

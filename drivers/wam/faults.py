@@ -38,8 +38,10 @@ def bus_fault(error: BusError) -> NamedFault:
 class FaultJudge:
     """Finds the fault that the driver's observations mean, cycle by cycle. `forget` begins anew."""
 
-    def __init__(self, watch: ArmWatch) -> None:
+    def __init__(self, watch: ArmWatch, *, late_is_fault: bool = True) -> None:
+        """`late_is_fault`: whether positions that come late or twice in most cycles are one."""
         self._watch = watch
+        self._late_is_fault = late_is_fault
         self.forget()
 
     def forget(self) -> None:
@@ -121,9 +123,10 @@ class FaultJudge:
         malformed = sample.malformed + watch.malformed - self._malformed
         errors = watch.error_frames - self._errors
         self._malformed, self._errors = watch.malformed, watch.error_frames
-        if not (sample.stale or malformed or errors) and not any(levels.values()):
+        late = sample.stale if self._late_is_fault else 0
+        if not (late or malformed or errors) and not any(levels.values()):
             return None
-        for name, count in (("stale", sample.stale), ("malformed", malformed), ("errors", errors)):
+        for name, count in (("stale", late), ("malformed", malformed), ("errors", errors)):
             levels[name] = max(0.0, levels[name] + count - FLOOD_LEAK)
         if levels["malformed"] > FLOOD_LEVEL:
             return NamedFault(ArmFault.MALFORMED_FLOOD)
@@ -135,7 +138,6 @@ class FaultJudge:
 def _lit(pendant: PendantState) -> ArmFault | None:
     """The fault whose light is red."""
     for light, fault in (
-        (pendant.other, ArmFault.ESTOP),
         (pendant.velocity, ArmFault.VELOCITY),
         (pendant.torque, ArmFault.TORQUE),
         (pendant.voltage, ArmFault.VOLTAGE),

@@ -25,7 +25,7 @@ from drivers.wam.properties import (
     STATUS_MONITOR,
     property_id,
 )
-from drivers.wam.safety_puck import ArmMode, PendantState, arm_mode
+from drivers.wam.safety_puck import ArmMode, Light, PendantState, arm_mode
 
 _STATUS_ID = property_id("STAT", 0, "monitor")
 _PROPERTY_NODES = {GROUP_BIT | 6 | node << 5: node for node in (*range(1, JOINTS + 1), SAFETY_NODE)}
@@ -129,6 +129,8 @@ class ArmWatch:
         elif number == self._pendant_id:
             self.pendant = PendantState.from_value(value)
             self.pendants_seen += 1
+            if self.pendant.other is Light.FAULT:  # only E-stop lights it
+                self._change_mode(ArmMode.ESTOP)
 
     def _hear_motor(self, node: int, number: int, value: int) -> None:
         if number == _STATUS_ID:

@@ -333,6 +333,44 @@ def test_a_manual_pendant_is_the_operators(installation: Installation) -> None:
     assert installation.left_behind() == []
 
 
+def test_estop_costs_the_positions_and_not_the_daemon(installation: Installation) -> None:
+    """After E-stop the arm is woken and zeroed while all processes live; prompts reach clients; torque waits for the
+    operator's Activate."""
+    daemon = installation.start("--pendant", "manual").wait_ready()
+    assert daemon.process.stdin is not None
+
+    def press(*buttons: str) -> None:
+        print(*buttons, sep="\n", file=daemon.process.stdin, flush=True)
+
+    with daemon.client() as client:
+        client.hello()
+
+        def until_arm(state: str) -> None:
+            deadline_s = time.monotonic() + TIMEOUT_S
+            while client.status()["state"]["arm"]["state"] != state:
+                assert time.monotonic() < deadline_s, daemon.messages()
+
+        until_arm("idle")
+        press("activate")
+        until_arm("active")
+        press("estop")
+        heard(client, daemon, "fault", "estop")
+        with pytest.raises(CommandError) as refused:
+            client.fault_clear()
+        assert refused.value.code == "estop"
+        press("release", "idle")
+        until_arm("idle")
+        client.fault_clear()
+        heard(client, daemon, "prompt", "zeroing")
+        status = client.status()
+        assert status["cycle_lost"] == ""
+        press("activate")
+        until_arm("active")
+        client.shutdown()
+    assert daemon.exit_code() == 0, daemon.messages()
+    assert "taken for home" in daemon.messages()
+
+
 @pytest.fixture(scope="module")
 def shared() -> Iterator[tuple[Installation, Daemon]]:
     """One running daemon with an active arm, for the tests that leave it as it was; they come last, so that it runs

@@ -96,6 +96,32 @@ def test_lost_bus_is_a_bus_error(clock: StepClock, tmp_path: Path) -> None:
             open_can(interface, channel, clock)
 
 
+def test_a_bus_that_was_lost_can_be_had_anew(clock: StepClock, tmp_path: Path) -> None:
+    """Protects a day's work from a plug: the same bus, filtered as before, once the adapter is back."""
+    assert clock.hub is not None
+    bus = open_can("seqpacket", str(tmp_path / "can"), clock)
+    clock.hub.step(0)
+    clock.hub.close()
+    with pytest.raises(BusError, match="received"):
+        bus.receive(0)
+    with pytest.raises(BusError, match="cannot be opened"):
+        bus.reopen()
+    with pytest.raises(BusError):
+        bus.send(_frame(0x404))
+    clock.hub = SeqpacketHub(tmp_path / "can", [], clock)
+    bus.reopen()
+    other = open_can("seqpacket", str(tmp_path / "can"), clock)
+    for identifier in (0x005, 0x423):
+        other.send(_frame(identifier))
+    clock.hub.step(0)
+    message = bus.receive(10**6)
+    assert message is not None
+    assert message.arbitration_id == 0x423
+    bus.send(_frame(0x404))
+    bus.close()
+    other.close()
+
+
 def test_interface_without_descriptor_is_refused(clock: StepClock) -> None:
     """Protects against a bus that could only be polled."""
     with pytest.raises(BusError, match="file descriptor"):

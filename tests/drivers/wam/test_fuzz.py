@@ -20,7 +20,7 @@ from drivers.simulated.can_hub import MemoryCanBus, MemoryCanHub
 from drivers.simulated.simple_arm import SimpleArm
 from drivers.simulated.wam import SimulatedWam
 from drivers.wam.arm import Arm
-from drivers.wam.faults import ArmFault
+from drivers.wam.fault_table import ArmFault
 from drivers.wam.frames import RawFrame
 from drivers.wam.parameters import load_wam_parameters
 from drivers.wam.watch import ArmWatch
