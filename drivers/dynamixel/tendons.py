@@ -237,10 +237,11 @@ class TendonPair:
         self._send(model, everything=True)
 
     def _send(self, model: MotorModel, *, everything: bool) -> None:
-        """What is new, to the motors that pull and may be driven: ceilings first. Not to one that does not answer: it
-        may have restarted, and a goal would switch a protocol 1.0 motor on."""
+        """What is new, to the motors that pull and may be driven: ceilings first. One that does not answer may still
+        hear: it is told to hold, and its watchdog kept from letting go of the lead that its load needs. Not in protocol
+        1.0: it may have restarted, and a goal would switch it on."""
         heard = zip(self._tendons, self._reader.missed, strict=True)
-        holding = [tendon for tendon, missed in heard if tendon.torque_on and not missed]
+        holding = [tendon for tendon, missed in heard if tendon.torque_on and (model.protocol == 2 or not missed)]
         if everything or any(tendon.goal.ceiling != tendon.sent_ceiling for tendon in holding):
             driven = [tendon for tendon in holding if tendon.goal.takes_ceilings]
             self._write(model.registers[model.ceiling], {t.settings.motor_id: t.goal.ceiling for t in driven})
