@@ -62,7 +62,7 @@ _WATCHDOG_S = 0.1
 
 
 class ButtonSource(Protocol):
-    """Where the simulated pendant's buttons come from."""
+    """Where the simulated pendant's buttons come from, and, as JSON objects, the arm's faults."""
 
     open: bool
 
@@ -194,8 +194,8 @@ class Daemon:
             stop.drain()
             front.step()
             if buttons is not None and ready.pop(buttons.fileno(), 0):
-                for button in buttons.read():
-                    self._children["world"].lifeline.say(Word.PRESS, button)
+                for line in buttons.read():
+                    self._children["world"].lifeline.say(Word.FAULT if line.startswith("{") else Word.PRESS, line)
                 if not buttons.open:
                     poll.unregister(buttons.fileno())
             for child in self._children.values():

@@ -82,7 +82,7 @@ def in_simulation(config: RobotConfig, directory: Path) -> RobotConfig:
 def _buttons(say: Callable[[str], None]) -> ButtonSource:
     from controller.simulation.pendant_lines import PendantLines
 
-    say("pendant: type idle, activate, estop or release")
+    say('pendant: type idle, activate, estop or release; or a fault: {"action": {"kind": "supply", "volts": 28}}')
     return PendantLines(0, say)
 
 

@@ -19,7 +19,7 @@ from controller.service.realtime import RealtimeSettings, enter_realtime
 from controller.service.run_directory import RunDirectory
 from controller.service.stop_requests import StopRequests
 from controller.simulation.device_loop import DeviceLoop, HasFileno
-from controller.simulation.pendant_lines import PendantLines
+from controller.simulation.pendant_lines import PendantLines, is_fault
 from controller.simulation.stepped_clock import SteppedClock
 from controller.simulation.takktile_command import TAKKTILE_EXAMPLE, takktile
 from drivers.clock import nanoseconds
@@ -108,20 +108,17 @@ def wam(
         hub = SeqpacketHub(channel.absolute(), [devices.wam], clock, can_faults)
         stack.callback(hub.close)
 
-        def fault(line: str) -> bool:
-            if not line.startswith("{"):
-                return False
-            try:
-                can_faults.add(wam_fault(line), clock.now_ns())
-            except InputError as error:
-                _say(str(error))
-            return True
-
-        buttons = PendantLines(0, _say, fault)
+        buttons = PendantLines(0, _say)
 
         def press() -> None:
-            for button in buttons.read():
-                hub.transmit(devices.wam.press(button, clock.now_ns()), devices.wam)
+            for line in buttons.read():
+                if not is_fault(line):
+                    hub.transmit(devices.wam.press(line, clock.now_ns()), devices.wam)
+                    continue
+                try:
+                    can_faults.add(wam_fault(line), clock.now_ns())
+                except InputError as error:
+                    _say(str(error))
 
         loop = DeviceLoop(clock, devices.world.advance_to, [hub], hub.filenos, _say)
         ready = partial(_tell, {"interface": "seqpacket", "channel": str(channel.absolute())}, as_json)

@@ -1,4 +1,7 @@
-"""The operator of a simulated pendant at a keyboard, or a program: buttons on a descriptor, a word a line."""
+"""The operator of a simulated pendant at a keyboard, or a program: buttons on a descriptor, a word a line.
+
+A line that begins with a brace is no button but a fault, a JSON object as `fault_file.py` takes it.
+"""
 
 from __future__ import annotations
 
@@ -14,16 +17,13 @@ _LONGEST_LINE_BYTES = 1000
 class PendantLines:
     """Reads words from `descriptor` (standard input); unknown ones are told through `say` and passed over.
 
-    `other_lines` may take lines that are no buttons. The end of the input, or an input that cannot be read, ends
+    The end of the input, or an input that cannot be read, ends
     nothing but the reading: `open` turns false.
     """
 
-    def __init__(
-        self, descriptor: int, say: Callable[[str], None], other_lines: Callable[[str], bool] = lambda _: False
-    ) -> None:
+    def __init__(self, descriptor: int, say: Callable[[str], None]) -> None:
         self._descriptor = descriptor
         self._say = say
-        self._other_lines = other_lines
         self._rest = b""
         self.open = True
         try:
@@ -36,7 +36,7 @@ class PendantLines:
         return self._descriptor
 
     def read(self) -> list[str]:
-        """The buttons pressed since the last call; call it when the descriptor is readable."""
+        """Buttons pressed and faults typed since the last call; call it when the descriptor is readable."""
         try:
             data = os.read(self._descriptor, 4096)
         except BlockingIOError:
@@ -52,10 +52,18 @@ class PendantLines:
         texts = [line.decode(errors="replace").strip() for line in lines]
         pressed = []
         for text in texts:
-            if not text or self._other_lines(text):
+            if not text:
+                continue
+            if is_fault(text):
+                pressed.append(text)
                 continue
             try:
                 pressed.append(button_named(text.lower()))
             except InputError as error:
                 self._say(error.message)
         return pressed
+
+
+def is_fault(line: str) -> bool:
+    """Whether a line is a fault rather than a button."""
+    return line.startswith("{")

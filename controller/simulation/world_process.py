@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,10 +22,13 @@ from controller.service.lifeline import Lifeline, Word
 from controller.service.realtime import RealtimeSettings, enter_realtime
 from controller.service.stop_requests import StopRequests
 from controller.simulation.device_loop import DeviceLoop, HasFileno
+from controller.simulation.fault_file import wam_fault
 from controller.simulation.scene import Devices, Scene, build_devices
 from controller.simulation.stepped_clock import SteppedClock
 from drivers.clock import nanoseconds
 from drivers.errors import InputError
+from drivers.simulated.can_faults import CanFaults
+from drivers.simulated.faults import FaultScript
 from drivers.simulated.safety_watch import SafetySettings
 from drivers.simulated.seqpacket_can import SeqpacketHub
 from drivers.simulated.serial_lines import PtyServer
@@ -114,10 +117,24 @@ def _loop(
             while (saying := lifeline.hear()) is not None:
                 if saying.word is Word.PRESS:
                     hub.transmit(devices.wam.press(saying.text, clock.now_ns()), devices.wam)
+                elif saying.word is Word.FAULT:
+                    _begin_fault(saying.text, devices.wam, hub, clock.now_ns(), say)
             if lifeline.closed or stop.received is not None:
                 ending_ns = clock.now_ns() + nanoseconds(LONGEST_END_S)
         elif len(hub.filenos()) <= 1 or clock.now_ns() > ending_ns:  # the listener alone
             return
+
+
+def _begin_fault(line: str, wam: SimulatedWam, hub: SeqpacketHub, now_ns: int, say: Callable[[str], None]) -> None:
+    """Let something go wrong, from the first time on with what that costs; a wrong line is told and passed over."""
+    try:
+        fault = wam_fault(line)
+        faults = hub.faults
+        if faults is None:
+            hub.faults = faults = CanFaults(FaultScript(), wam, now_ns)
+        faults.add(fault, now_ns)
+    except InputError as error:
+        say(str(error))
 
 
 def _link(path: Path, port: str) -> None:

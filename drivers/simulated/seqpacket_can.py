@@ -201,6 +201,15 @@ class SeqpacketHub:
             ) from error
         return listener
 
+    @property
+    def faults(self) -> CanFaults | None:
+        """What goes wrong on this bus; None while nothing can, which costs the least."""
+        return self._segment.faults
+
+    @faults.setter
+    def faults(self, faults: CanFaults) -> None:
+        self._segment.faults = faults
+
     def _follow_faults(self, now_ns: int) -> None:
         """Be there or not, and refuse or not, as the fault script says."""
         faults = self._segment.faults

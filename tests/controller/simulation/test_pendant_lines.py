@@ -25,6 +25,18 @@ def test_words_come_a_line_and_others_are_told() -> None:
     os.close(reading)
 
 
+def test_a_fault_is_passed_on_as_it_is() -> None:
+    """What goes wrong with the arm is typed beside its buttons; whether it makes sense is the arm's to say."""
+    told: list[str] = []
+    reading, writing = os.pipe()
+    pendant = PendantLines(reading, told.append)
+    os.write(writing, b' {"action": {"kind": "Unplug"}} \nidle\n')
+    assert pendant.read() == ['{"action": {"kind": "Unplug"}}', "idle"]
+    assert told == []
+    os.close(writing)
+    os.close(reading)
+
+
 def test_a_closed_input_is_no_pendant() -> None:
     """A daemon without standard input runs all the same."""
     reading, writing = os.pipe()
