@@ -355,6 +355,7 @@ ADVICE = {
     "bus_off": ("left the bus", "press E-stop"),
     "can_queue_full": ("queue is full", "press E-stop"),
     "can_adapter_gone": ("adapter is gone", "press E-stop"),
+    "bus_failed": ("takes no frames", "press E-stop"),
     "collision": ("beyond what the model explains", "Free the arm"),
     "tracking_error": ("too far from where it was commanded", "Something blocks the arm"),
 }
