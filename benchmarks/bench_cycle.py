@@ -24,7 +24,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.cycle_replay import STAGES, Recording, record, replayed
-from benchmarks.rivals import Figure, inverse_kinematics, look_up, smoothing, table_build
+from benchmarks.rivals import Figure, inverse_kinematics, look_up, smoothing
 from calibration.build import build_table
 from calibration.grasp.specification import GraspSpec
 from calibration.objects import load_object
@@ -78,12 +78,11 @@ def measure(repeats: int, progress: Console) -> dict[str, Any]:
         recording = record(config, case)
         progress.print(f"replaying it {repeats} times, with and without instruments side by side")
         cycle = _cycle(recording, directory, repeats)
-    progress.print("look-up, smoothing, inverse kinematics, table build")
+    progress.print("look-up, smoothing, inverse kinematics")
     figures = [
         *look_up(table),
         *smoothing(),
         *inverse_kinematics(config, READY_RAD),
-        *table_build(hand, thing, case.onset_split, (21, 41)),
     ]
     return {"machine": _machine(), "cycle": cycle, "parts": [_plain(figure) for figure in figures]}
 

@@ -1,4 +1,4 @@
-"""The cycle's look-up, smoothing and inverse kinematics, and the table's equilibria, each beside another way to do it.
+"""The cycle's look-up, smoothing and inverse kinematics, each beside another way to do it.
 
 Every function returns processor time in µs (median, 99th percentile) of one call on one thread.
 """
@@ -15,15 +15,9 @@ import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
-from scipy.optimize import NonlinearConstraint, lsq_linear, minimize
+from scipy.optimize import lsq_linear
 
-from calibration.build import build_table
-from calibration.grasp.equilibrium import grasp_system
-from calibration.grasp.specification import GraspSpec
-from calibration.hand.parameters import Hand, PinJoint
 from calibration.motion_table import MotionTable
-from calibration.objects import GraspObject
-from calibration.objects.shapes import Disc
 from controller.config import RobotConfig
 from controller.cycle.arm_model import ArmModel
 from controller.cycle.compensation import OffsetLimits, OffsetSmoother, PlanarMotion
@@ -31,7 +25,6 @@ from controller.cycle.inverse_kinematics import DifferentialInverseKinematics, S
 from controller.cycle.joint_bounds import JointLimits
 from controller.cycle.planar_table import PlanarTable
 from controller.service.assembly import arm_model, configured_hand
-from drivers.errors import MechanicsError
 from drivers.wam.parameters import load_wam_parameters
 
 Array = NDArray[np.float64]
@@ -158,77 +151,3 @@ def _bounded_rival(
         q[:] += PERIOD_S * v
 
     return [partial(step, number) for number in range(count)]
-
-
-def table_build(hand: Hand, thing: GraspObject, split: float, nodes: tuple[int, ...]) -> list[Figure]:
-    """Whole tables; beside them, what as many equilibria by a general optimiser would take."""
-    grasp = GraspSpec(onset_split=split)
-    figures = []
-    for count in nodes:
-        began_ns = time.process_time_ns()
-        table = build_table(hand, thing, grasp, nodes=count)
-        taken_us = (time.process_time_ns() - began_ns) * 1e-3
-        figures.append(Figure(f"motion table, {count} × {count} nodes, whole", taken_us, None))
-    one = _slsqp_equilibrium(hand, thing, grasp_system(hand, thing, grasp).first_state()[:7], table)
-    most = nodes[-1]
-    whole = Figure(f"rival: SLSQP for {most} × {most} nodes, reckoned", one.median_us * most**2, None)
-    return [*figures, one, whole]
-
-
-def _slsqp_equilibrium(hand: Hand, thing: GraspObject, contact: Array, table: MotionTable, count: int = 8) -> Figure:
-    """Elastic energy minimised under contact and tendons written with trigonometry (hand-mechanics reference 6).
-
-    `contact` (7): joint angles and the object's planar pose at first contact. Found the same as the table, or an error.
-    """
-    finger, shape = hand.right, thing.shape
-    joints = [joint for joint in finger.joints if isinstance(joint, PinJoint)]
-    assert len(joints) == 2
-    assert isinstance(shape, Disc)
-    disc_m, tip_m = 0.5 * shape.diameter_m, finger.tip.radius_m
-    stiffness = np.array([joint.stiffness_Nm_per_rad for joint in joints] * 2)
-    arms = np.array(finger.tendon_arm_m)
-    rest = np.radians(finger.rest_angle_deg)
-    reach_m = finger.distal_link_m - tip_m
-    mean_m, difference_m = 2e-3, 2e-4
-    wound_m = (mean_m + 0.5 * difference_m, mean_m - 0.5 * difference_m)
-    scale = np.array([1, 1, 1, 1, 0.03, 0.03, 1])
-
-    def to_object(z: Array, side: int) -> tuple[Array, float]:
-        first = rest[0] + z[2 * side]
-        second = first + rest[1] + z[2 * side + 1]
-        x_m = hand.root_half_distance_m + finger.proximal_link_m * np.cos(first) + reach_m * np.cos(second)
-        y_m = finger.proximal_link_m * np.sin(first) + reach_m * np.sin(second)
-        mirrored = side == 1
-        centre = np.array([-x_m if mirrored else x_m, y_m])
-        return z[4:6] - centre, float(np.pi - second if mirrored else second)
-
-    def constraints(scaled: Array) -> Array:
-        z = scaled * scale
-        found = []
-        for side in (0, 1):
-            joints_now, joints_then = z[2 * side : 2 * side + 2], contact[2 * side : 2 * side + 2]
-            (now, angle), (then, angle_then) = to_object(z, side), to_object(contact, side)
-            turned = np.arctan2(then[0] * now[1] - then[1] * now[0], then @ now)
-            found.append(arms @ (joints_now - joints_then) - wound_m[side])
-            found.append(np.hypot(*now) - disc_m - tip_m)
-            rolled = (disc_m + tip_m) * turned - tip_m * (angle - angle_then) - disc_m * (z[6] - contact[6])
-            found.append(rolled)
-        return np.array(found) / 0.03
-
-    def energy(scaled: Array) -> float:
-        return float(50.0 * (stiffness * (scaled * scale)[:4] ** 2).sum())
-
-    def solve() -> Array:
-        best = minimize(
-            energy,
-            contact / scale,
-            method="SLSQP",
-            constraints=NonlinearConstraint(constraints, 0.0, 0.0),
-            options={"ftol": 1e-14, "maxiter": 300},
-        )
-        return np.asarray(best.x * scale)
-
-    expected = np.array(table.at_excursion(mean_m, difference_m).planar_motion)
-    if not np.allclose(solve()[4:7] - contact[4:7], expected, atol=2e-5):
-        raise MechanicsError("benchmark", "the general optimiser finds another equilibrium than the table.")
-    return measured("rival: SLSQP, one equilibrium", [solve] * count)
