@@ -122,7 +122,9 @@ class TendonMotor(_Table, frozen=True):
     """One tendon motor: address, direction, zero and calibrated load law (Dynamixel reference 1.3, 3).
 
     `travel_m`: excursions that may be commanded, lower and upper. `position_gain`: the position loop's stiffness in the
-    model's own register, else the model's default.
+    model's own register, else the model's default. The load law is `torque_constant_Nm_per_A` and `friction_current_A`
+    for a model that measures its current; for one that tells its load, `stall_torque_12V_Nm` and `friction_load` (part
+    of full output at 12 V), else its data sheet.
     """
 
     id: Annotated[int, Meta(ge=0, le=253)]
@@ -133,6 +135,8 @@ class TendonMotor(_Table, frozen=True):
     friction_current_A: Annotated[float, Meta(ge=0, le=2)]
     travel_m: tuple[_Excursion, _Excursion] = (-0.005, 0.0495)
     position_gain: Annotated[int, Meta(ge=1, le=16383)] | None = None
+    stall_torque_12V_Nm: Annotated[float, Meta(gt=0, le=20)] | None = None
+    friction_load: Annotated[float, Meta(ge=0, le=0.5)] | None = None
 
     def __post_init__(self) -> None:
         if not self.travel_m[0] < self.travel_m[1]:

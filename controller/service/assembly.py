@@ -24,7 +24,8 @@ from controller.cycle.winding import WindingLimits
 from controller.messages import CompensationIndex
 from controller.service.hand import HandSettings
 from drivers.clock import Clock
-from drivers.dynamixel.load_law import LoadLaw
+from drivers.dynamixel.control_tables import model_by_name
+from drivers.dynamixel.load_law import LoadLaw, nominal_law
 from drivers.dynamixel.settings import MotorSettings
 from drivers.errors import ConfigurationError
 from drivers.wam.arm import Arm
@@ -148,8 +149,7 @@ def cycle_parts(config: RobotConfig, bus: CanBus, clock: Clock) -> Parts:
 
 def motor_drive(config: RobotConfig) -> MotorDrive:
     """How the configured motors' position loop gives way."""
-    motor = config.tendons.right
-    friction_N = motor.torque_constant_Nm_per_A * motor.friction_current_A / motor.spool_radius_m
+    friction_N = _load_law(config.tendons, config.tendons.right).friction_tension_N
     return MotorDrive(config.tendons.compliance_m_per_N, friction_N, config.tendons.lag_s)
 
 
@@ -169,17 +169,12 @@ def hand_settings(config: RobotConfig) -> HandSettings:
 
 
 def _motor(tendons: Tendons, motor: TendonMotor) -> MotorSettings:
-    law = LoadLaw(
-        torque_constant_Nm_per_A=motor.torque_constant_Nm_per_A,
-        friction_current_A=motor.friction_current_A,
-        spool_radius_m=motor.spool_radius_m,
-    )
     return MotorSettings(
         motor_id=motor.id,
         tightening_sign=motor.tightening_sign,
         zero_ticks=motor.zero_ticks,
         spool_radius_m=motor.spool_radius_m,
-        load_law=law,
+        load_law=_load_law(tendons, motor),
         model=tendons.model,
         travel_m=motor.travel_m,
         position_gain=motor.position_gain,
@@ -188,4 +183,21 @@ def _motor(tendons: Tendons, motor: TendonMotor) -> MotorSettings:
         derating_start_C=tendons.derating_start_C,
         derating_per_K=tendons.derating_per_K,
         stall_timeout_s=tendons.stall_timeout_s,
+    )
+
+
+def _load_law(tendons: Tendons, motor: TendonMotor) -> LoadLaw:
+    """By current, or by load where the configured model tells that."""
+    model = None if tendons.model is None else model_by_name(tendons.model)
+    if model is not None and model.effort == "load":
+        return nominal_law(
+            model,
+            motor.spool_radius_m,
+            stall_torque_Nm=motor.stall_torque_12V_Nm,
+            friction_load=motor.friction_load,
+        )
+    return LoadLaw(
+        torque_per_effort_Nm=motor.torque_constant_Nm_per_A,
+        friction_effort=motor.friction_current_A,
+        spool_radius_m=motor.spool_radius_m,
     )

@@ -91,7 +91,7 @@ def find_pair(port: WaitingPort, settings: tuple[MotorSettings, MotorSettings]) 
             raise DeviceError(
                 motor_name(motor.motor_id),
                 f"is a {model.name}; expected a {wanted.name}, as it was calibrated.",
-                help="Fit that model, or calibrate this one: `stillgrasp calibrate motors`, then `motor-load`.",
+                help="Fit that model, or calibrate this one: `stillgrasp calibrate motors`.",
             )
     if models[0] is not models[1]:
         raise DeviceError(

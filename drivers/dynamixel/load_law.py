@@ -1,12 +1,16 @@
-"""Motor current ↔ tendon tension: one straight line, and the gear's friction on either side of it.
+"""Motor effort ↔ tendon tension: one straight line, and the gear's friction on either side of it.
 
-At the shaft, torque = K·current; the gear takes K·I0 of it, against the motion. So, for a spool of radius r,
+Effort is what a motor tells of its torque: current, A (XM430), or load, its output as a part of all it could give
+(RX-28, MX-28, XL430). At the shaft of a motor at rest, torque = K·effort; the gear takes K·I0 of it, against the
+motion. So, for a spool of radius r that pulls its tendon in at the rate v,
 
-    winding     tension = K (I − I0) / r        unwinding   tension = K (I + I0) / r
-    holding     anywhere between the two: K·I / r ± K·I0 / r, about ±22 N for an XM430-W350
+    winding     tension = K (effort − b v − I0) / r      unwinding   tension = K (effort − b v + I0) / r
+    holding     anywhere between the two: K·effort / r ± K·I0 / r, about ±22 N for an XM430-W350
 
-Current is positive when it tightens. K and I0 are uncertain by 20 % and 0.05 A without an own calibration.
-Pure functions. Source: dynamixel reference 3.1 to 3.3.
+A current is torque, whatever the speed: b = 0. A load is a voltage: b v is the back-EMF's part of it, and as a part of
+a supply of V volts instead of the law's, the same load means V times more: effort is first scaled to the law's voltage.
+Effort is positive when it tightens. Without an own calibration K is uncertain by 20 % (load: 30 %).
+Pure functions. Source: dynamixel reference 2.4, 3.1 to 3.3.
 """
 
 from __future__ import annotations
@@ -15,7 +19,14 @@ import enum
 import math
 from dataclasses import dataclass
 
+from drivers.dynamixel.control_tables import MotorModel
 from drivers.errors import InputError
+
+NOMINAL_FRICTION_PART = 0.13 / 2.3
+"""Of the stall effort: known of the XM430-W350 alone, assumed of the others, of which nothing is published."""
+LAW_VOLTAGE_V = 12.0
+LOAD_SLOPE_UNCERTAINTY = 0.3
+"""The stall point's torque is a momentary value, and winding resistance grows with heat: worse than by current."""
 
 
 class SpoolMotion(enum.Enum):
@@ -42,51 +53,119 @@ class TensionEstimate:
 
 @dataclass(frozen=True, slots=True)
 class LoadLaw:
-    """The current–tension law of one motor with its spool. Defaults: XM430-W350, T42 spool."""
+    """The law of one motor with its spool. Defaults: XM430-W350, effort in A, T42 spool; `nominal_law` has the others.
 
-    torque_constant_Nm_per_A: float = 1.79
-    friction_current_A: float = 0.13
+    One unit of effort is 1 A, or all output at the law's voltage.
+    """
+
+    torque_per_effort_Nm: float = 1.79
+    friction_effort: float = 0.13
     spool_radius_m: float = 0.0105
     slope_uncertainty: float = 0.2
     """Relative, of K."""
-    friction_uncertainty_A: float = 0.05
-    """Of I0 while the spool turns."""
+    friction_uncertainty: float = 0.05
+    """Of I0 while the spool turns, in effort."""
     still_rate_m_s: float = 0.0006
     """Tendon slower than this counts as holding: just above two velocity counts of an XM430."""
+    back_emf_effort_s_per_m: float = 0.0
+    """b: effort that the speed alone takes, per m/s of tendon."""
+    voltage_V: float | None = None
+    """Supply at which an effort that is a part of it has this K; None: effort is a current, the supply is nothing to
+    it."""
 
     def __post_init__(self) -> None:
-        positive = (self.torque_constant_Nm_per_A, self.spool_radius_m, self.still_rate_m_s)
-        not_negative = (self.friction_current_A, self.slope_uncertainty, self.friction_uncertainty_A)
+        positive = (self.torque_per_effort_Nm, self.spool_radius_m, self.still_rate_m_s, self.voltage_V or 1.0)
+        not_negative = (
+            self.friction_effort,
+            self.slope_uncertainty,
+            self.friction_uncertainty,
+            self.back_emf_effort_s_per_m,
+        )
         if not all(math.isfinite(x) and x > 0 for x in positive) or not all(
             math.isfinite(x) and x >= 0 for x in not_negative
         ):
             raise InputError(
-                f"{self} is not a load law; expected torque constant, spool radius and still rate above 0, "
-                "friction current and uncertainties not below 0, all finite."
+                f"{self} is not a load law; expected torque per effort, spool radius, still rate and voltage above 0, "
+                "friction, back-EMF and uncertainties not below 0, all finite."
             )
 
     @property
     def friction_tension_N(self) -> float:
         """Half the width of the holding band, N."""
-        return self.torque_constant_Nm_per_A * self.friction_current_A / self.spool_radius_m
+        return self.torque_per_effort_Nm * self.friction_effort / self.spool_radius_m
 
-    def motion(self, rate_m_s: float) -> SpoolMotion:
-        """What the spool does at this tendon rate (positive = pulling in), m/s."""
-        if rate_m_s >= self.still_rate_m_s:
+    def motion(self, rate_m_s: float, before: SpoolMotion = SpoolMotion.HOLDING) -> SpoolMotion:
+        """What the spool does at this tendon rate (positive = pulling in), m/s, if it did `before` until now.
+
+        A spool that turns is at rest only below half the still rate: friction stays on its side until then, and a rate
+        at the threshold does not make the tension flicker.
+        """
+        if rate_m_s >= self.still_rate_m_s * (0.5 if before is SpoolMotion.WINDING else 1.0):
             return SpoolMotion.WINDING
-        return SpoolMotion.UNWINDING if rate_m_s <= -self.still_rate_m_s else SpoolMotion.HOLDING
+        if rate_m_s <= -self.still_rate_m_s * (0.5 if before is SpoolMotion.UNWINDING else 1.0):
+            return SpoolMotion.UNWINDING
+        return SpoolMotion.HOLDING
 
-    def tension(self, current_A: float, motion: SpoolMotion) -> TensionEstimate:
-        """Tension for a current (positive = tightening), A."""
-        newton_per_A = self.torque_constant_Nm_per_A / self.spool_radius_m
-        tension_N = max(0.0, newton_per_A * (current_A - motion.value * self.friction_current_A))
+    def tension(
+        self, effort: float, motion: SpoolMotion, *, rate_m_s: float = 0.0, supply_V: float | None = None
+    ) -> TensionEstimate:
+        """Tension for an effort (positive = tightening) of a spool in this motion.
+
+        `rate_m_s` and `supply_V` matter where effort is a load; None: at the law's voltage.
+        """
+        newton_per_effort = self.torque_per_effort_Nm / self.spool_radius_m
+        acting = effort * self._voltage_ratio(supply_V) - self.back_emf_effort_s_per_m * rate_m_s
+        tension_N = max(0.0, newton_per_effort * (acting - motion.value * self.friction_effort))
         turning = motion is not SpoolMotion.HOLDING
-        band_A = self.friction_uncertainty_A if turning else self.friction_current_A
-        half_N = newton_per_A * band_A + self.slope_uncertainty * tension_N
+        band = self.friction_uncertainty if turning else self.friction_effort
+        half_N = newton_per_effort * band + self.slope_uncertainty * tension_N
         return TensionEstimate(tension_N, max(0.0, tension_N - half_N), tension_N + half_N)
 
-    def current_cap_A(self, tension_N: float) -> float:
-        """Current at which a winding spool stalls at `tension_N`: the inverse of `tension` while winding, A."""
+    def effort_cap(self, tension_N: float, *, supply_V: float | None = None) -> float:
+        """Effort at which a winding spool stalls at `tension_N`: the inverse of `tension` while winding. InputError."""
         if not (math.isfinite(tension_N) and tension_N >= 0.0):
             raise InputError(f"load cap {tension_N} N is not a tension; expected a finite number not below 0.")
-        return tension_N * self.spool_radius_m / self.torque_constant_Nm_per_A + self.friction_current_A
+        at_law_voltage = tension_N * self.spool_radius_m / self.torque_per_effort_Nm + self.friction_effort
+        return at_law_voltage / self._voltage_ratio(supply_V)
+
+    def cap_supply_V(self, supply_V: float | None) -> float | None:
+        """The supply to work a cap out for: never below the law's, as a supply that sags comes back; in steps of 0.5 V
+        upwards, so that its noise does not move the ceiling. None where the supply does not matter."""
+        if self.voltage_V is None or supply_V is None or not supply_V > self.voltage_V:
+            return None
+        return math.ceil(2.0 * supply_V) / 2.0
+
+    def _voltage_ratio(self, supply_V: float | None) -> float:
+        """Part of full output at this supply → part of full output at the law's."""
+        if self.voltage_V is None or supply_V is None or not supply_V > 0.0:
+            return 1.0
+        return supply_V / self.voltage_V
+
+
+def nominal_law(
+    model: MotorModel,
+    spool_radius_m: float,
+    *,
+    stall_torque_Nm: float | None = None,
+    friction_load: float | None = None,
+) -> LoadLaw:
+    """The law of a model that tells its load, at 12 V, from its data sheet; measured numbers replace the sheet's.
+
+    `stall_torque_Nm`: at 12 V and full output. `friction_load`: what the gear takes, as a part of full output at 12 V.
+    InputError for a model that measures its current, or numbers that are no law.
+    """
+    if model.effort != "load":
+        raise InputError(f"a {model.name} tells its current, not its load; its law needs torque constant and friction.")
+    friction = NOMINAL_FRICTION_PART if friction_load is None else friction_load
+    # the no-load speed is that of the highest supply with a stall point, an RX-28's at 18.5 V, all others' at 12 V
+    no_load_V = max(LAW_VOLTAGE_V, model.stall_points[0][0])
+    output_s_per_rad = (no_load_V / LAW_VOLTAGE_V - friction) / model.no_load_speed_rad_s
+    return LoadLaw(
+        torque_per_effort_Nm=model.stall_torque_Nm(LAW_VOLTAGE_V) if stall_torque_Nm is None else stall_torque_Nm,
+        friction_effort=friction,
+        spool_radius_m=spool_radius_m,
+        slope_uncertainty=LOAD_SLOPE_UNCERTAINTY,
+        friction_uncertainty=NOMINAL_FRICTION_PART / 2.0,
+        back_emf_effort_s_per_m=output_s_per_rad / spool_radius_m,
+        voltage_V=LAW_VOLTAGE_V,
+    )

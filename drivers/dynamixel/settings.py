@@ -108,6 +108,9 @@ class MotorSettings:
         excess_K = max(0.0, temperature_C - self.derating_start_C)
         return max(self.derating_floor, 1.0 - self.derating_per_K * excess_K)
 
-    def ceiling_counts(self, cap_N: float, model: MotorModel) -> int:
-        """Counts of the ceiling register at which a winding spool stalls at `cap_N`, never above. InputError."""
-        return math.floor(self.load_law.current_cap_A(cap_N) / model.ceiling_unit)
+    def ceiling_counts(self, cap_N: float, model: MotorModel, supply_V: float | None = None) -> int:
+        """Counts of the ceiling register at which a winding spool stalls at `cap_N`, never above. InputError.
+
+        `supply_V` matters to a model that tells its load; None: the load law's voltage.
+        """
+        return math.floor(self.load_law.effort_cap(cap_N, supply_V=supply_V) / model.ceiling_unit)

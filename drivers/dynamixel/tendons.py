@@ -20,6 +20,7 @@ from drivers.dynamixel.bus import MotorBus, motor_name
 from drivers.dynamixel.control_tables import MotorModel, Register
 from drivers.dynamixel.discovery import find_pair
 from drivers.dynamixel.goal import TendonGoal
+from drivers.dynamixel.load_law import SpoolMotion
 from drivers.dynamixel.motor import Inspection, MotorIdentity, TendonMotor
 from drivers.dynamixel.port import WaitingPort
 from drivers.dynamixel.reading import PairReader
@@ -49,6 +50,7 @@ class _Tendon:
     sent_ticks: int
     sent_ceiling: int
     restarted: bool = False
+    motion: SpoolMotion = SpoolMotion.HOLDING
 
     @property
     def torque_on(self) -> bool:
@@ -89,9 +91,8 @@ class TendonPair:
             raise DeviceError(
                 "tendon motors",
                 f"are {found.model.name}s, which tell their load and not a current; the load law's unit is not known.",
-                help='State it in robot.toml: tendons.model = "'
-                + found.model.name
-                + '", with the load law of this model (`stillgrasp calibrate motor-load`).',
+                help=f'State it in robot.toml: tendons.model = "{found.model.name}". Its load law is then its data '
+                "sheet's, or stall_torque_12V_Nm and friction_load of each motor.",
             )
         motors = [TendonMotor(found.bus, settings, found.model) for settings in self._settings]
         inspections = [motor.inspect() for motor in motors]
@@ -128,7 +129,7 @@ class TendonPair:
         for index, tendon in enumerate(self._tendons):
             effort, rate_m_s = last.effort[index], last.rate_m_s[index]
             tendon.goal.step(now_s, elapsed_s, ticks=tendon.ticks, effort=effort, rate_m_s=rate_m_s)
-            tendon.goal.derate(last.derating[index])
+            tendon.goal.derate(last.derating[index], last.voltage_V[index])
         self._round = (self._round + 1) % SEND_AGAIN
         self._send(model, everything=self._round == 0)
         sample_ns = self._clock.now_ns()
@@ -232,8 +233,8 @@ class TendonPair:
 
     def _send_now(self) -> None:
         sample, model = self._started()
-        for tendon, factor in zip(self._tendons, sample.derating, strict=True):
-            tendon.goal.derate(factor)
+        for tendon, factor, supply_V in zip(self._tendons, sample.derating, sample.voltage_V, strict=True):
+            tendon.goal.derate(factor, supply_V)
         self._send(model, everything=True)
 
     def _send(self, model: MotorModel, *, everything: bool) -> None:
@@ -288,6 +289,7 @@ class TendonPair:
                     help="The motor restarted or its encoder failed.",
                 )
         tendon.ticks, tendon.sample_ns = ticks, sample_ns
+        tendon.motion = tendon.settings.load_law.motion(_rate_m_s(tendon, model), tendon.motion)
         return None
 
     def _decoded(self, model: MotorModel) -> TendonSample:
@@ -321,9 +323,10 @@ def _row(tendon: _Tendon, model: MotorModel) -> tuple[float, ...]:
     """Excursion, rate, effort, tension, its uncertainty, voltage, temperature and derating of one tendon."""
     settings, values = tendon.settings, tendon.values
     sign, law = settings.tightening_sign, settings.load_law
-    rate_m_s = sign * values["present_velocity"] * model.velocity_unit_rad_s * settings.spool_radius_m
+    rate_m_s = _rate_m_s(tendon, model)
     effort = sign * values[model.effort_register] * model.effort_unit
-    estimate = law.tension(effort, law.motion(rate_m_s))
+    supply_V = values["present_input_voltage"] * model.voltage_unit_V
+    estimate = law.tension(effort, tendon.motion, rate_m_s=rate_m_s, supply_V=supply_V)
     temperature_C = float(values["present_temperature"])
     return (
         settings.excursion_m(tendon.ticks, model),
@@ -331,10 +334,16 @@ def _row(tendon: _Tendon, model: MotorModel) -> tuple[float, ...]:
         effort,
         estimate.tension_N,
         estimate.uncertainty_N,
-        values["present_input_voltage"] * model.voltage_unit_V,
+        supply_V,
         temperature_C,
         settings.derating(temperature_C),
     )
+
+
+def _rate_m_s(tendon: _Tendon, model: MotorModel) -> float:
+    settings = tendon.settings
+    counts = settings.tightening_sign * tendon.values["present_velocity"]
+    return counts * model.velocity_unit_rad_s * settings.spool_radius_m
 
 
 def _two(values: Sequence[float], what: str) -> Pair:

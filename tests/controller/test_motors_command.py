@@ -15,10 +15,11 @@ import pytest
 from calibration.motor_setup import STEPS
 from controller.cli import main
 from controller.config import load_config
-from controller.service.assembly import tendon_motors
+from controller.service.assembly import motor_drive, tendon_motors
 from drivers.clock import MonotonicClock
 from drivers.dynamixel import discovery
-from drivers.dynamixel.control_tables import XM430_W350, MotorModel
+from drivers.dynamixel.control_tables import MX_28, XM430_W350, MotorModel
+from drivers.dynamixel.load_law import LoadLaw, nominal_law
 from drivers.errors import ConfigurationError
 from drivers.simulated.dynamixel import SimulatedMotors, SimulatedMotorSettings
 from drivers.simulated.serial_lines import PtyServer
@@ -236,3 +237,15 @@ def test_a_wrong_key_of_the_own_file_is_named(tmp_path: Path) -> None:
     file.write_text('model = "AX-12"\n')
     with pytest.raises(ConfigurationError, match=r"motors.toml: model = 'AX-12'.*expected one of RX-28"):
         load_config(robot)
+
+
+def test_the_configured_model_decides_the_load_law(tmp_path: Path) -> None:
+    """An MX-28 tells a part of its output: its law is in that unit, by its data sheet or by what robot.toml says."""
+    robot = tmp_path / "robot.toml"
+    robot.write_text('[tendons]\nmodel = "MX-28"\n[tendons.left]\nstall_torque_12V_Nm = 2.0\nfriction_load = 0.1\n')
+    right, left = tendon_motors(load_config(robot))
+    assert right.load_law == nominal_law(MX_28, 0.0105)
+    assert left.load_law == nominal_law(MX_28, 0.0105, stall_torque_Nm=2.0, friction_load=0.1)
+    assert motor_drive(load_config(robot)).friction_N == pytest.approx(right.load_law.friction_tension_N)
+    right, _ = tendon_motors(load_config())
+    assert right.load_law == LoadLaw(1.79, 0.13, 0.0105)

@@ -17,7 +17,7 @@ from drivers.dynamixel.motor import Inspection, MotorIdentity
 from drivers.dynamixel.settings import MotorSettings
 from drivers.errors import InputError
 
-LOAD_LAW = LoadLaw(torque_constant_Nm_per_A=2.4, friction_current_A=0.06)  # here per unit of load
+LOAD_LAW = LoadLaw(torque_per_effort_Nm=2.4, friction_effort=0.06)
 
 
 def goal_of(
@@ -49,7 +49,7 @@ def test_the_ceiling_never_exceeds_the_cap(model: MotorModel, cap_N: float) -> N
     take(goal, 0.0, cap_N)
     law = LoadLaw() if model.effort == "current" else LOAD_LAW
     at_ceiling_N = law.tension(goal.ceiling * model.ceiling_unit, SpoolMotion.WINDING).tension_N
-    count_N = model.ceiling_unit * law.torque_constant_Nm_per_A / law.spool_radius_m
+    count_N = model.ceiling_unit * law.torque_per_effort_Nm / law.spool_radius_m
     assert cap_N - count_N - 1e-9 <= at_ceiling_N <= cap_N + 1e-9
 
 

@@ -1,4 +1,4 @@
-"""The current–tension law against the rows of the dynamixel reference."""
+"""The effort–tension law against the rows of the dynamixel reference, and its laws."""
 
 import math
 
@@ -6,10 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.dynamixel.load_law import LoadLaw, SpoolMotion
+from drivers.dynamixel.control_tables import MX_28, RX_28, XL430_W250, XM430_W350
+from drivers.dynamixel.load_law import LoadLaw, SpoolMotion, nominal_law
 from drivers.errors import InputError
 
 LAW = LoadLaw()
+MX = nominal_law(MX_28, 0.0105)
 
 
 @pytest.mark.parametrize(
@@ -30,9 +32,7 @@ def test_holding_band_is_the_gear_friction() -> None:
 @given(st.floats(0.0, 300.0))
 def test_cap_is_the_inverse_of_winding(tension_N: float) -> None:
     """A motor that stalls at the cap's current while winding pulls with the cap."""
-    assert LAW.tension(LAW.current_cap_A(tension_N), SpoolMotion.WINDING).tension_N == pytest.approx(
-        tension_N, abs=1e-9
-    )
+    assert LAW.tension(LAW.effort_cap(tension_N), SpoolMotion.WINDING).tension_N == pytest.approx(tension_N, abs=1e-9)
 
 
 @given(st.floats(-3.0, 3.0), st.sampled_from(SpoolMotion))
@@ -51,14 +51,83 @@ def test_motion_follows_the_rate() -> None:
     assert motions == [SpoolMotion.WINDING, holding, holding, holding, SpoolMotion.UNWINDING]
 
 
+@given(st.lists(st.floats(-0.002, 0.002), min_size=1, max_size=40))
+def test_motion_does_not_flicker_at_the_threshold(rates_m_s: list[float]) -> None:
+    """Beginning needs the still rate, ending half of it: in between a spool goes on with what it did."""
+    motion = SpoolMotion.HOLDING
+    for rate_m_s in rates_m_s:
+        before, motion = motion, LAW.motion(rate_m_s, motion)
+        if abs(rate_m_s) >= LAW.still_rate_m_s:
+            assert motion.value == math.copysign(1.0, rate_m_s)
+        elif abs(rate_m_s) < 0.5 * LAW.still_rate_m_s:
+            assert motion is SpoolMotion.HOLDING
+        elif motion is not SpoolMotion.HOLDING:
+            assert motion is before
+
+
+@given(st.floats(-1.0, 1.0), st.floats(0.0, 0.5), st.sampled_from(SpoolMotion))
+def test_more_effort_is_more_tension(effort: float, more: float, motion: SpoolMotion) -> None:
+    """Monotone on every branch, for current and for load."""
+    for law in (LAW, MX):
+        assert law.tension(effort + more, motion).tension_N >= law.tension(effort, motion).tension_N
+
+
+@given(st.floats(0.05, 1.0), st.floats(0.0, 0.04))
+def test_branches_are_mirrored_by_the_motion(effort: float, rate_m_s: float) -> None:
+    """Odd symmetry: the two turning branches lie as far above as below the resting one, back-EMF included."""
+    resting = MX.torque_per_effort_Nm / MX.spool_radius_m * effort
+    winding = MX.tension(effort + MX.back_emf_effort_s_per_m * rate_m_s, SpoolMotion.WINDING, rate_m_s=rate_m_s)
+    unwinding = MX.tension(effort - MX.back_emf_effort_s_per_m * rate_m_s, SpoolMotion.UNWINDING, rate_m_s=-rate_m_s)
+    if winding.tension_N > 0.0:
+        assert winding.tension_N + unwinding.tension_N == pytest.approx(2.0 * resting)
+
+
+@given(st.floats(0.0, 150.0), st.floats(9.0, 19.0))
+def test_cap_is_the_inverse_at_any_supply(tension_N: float, supply_V: float) -> None:
+    """A load is a part of the supply: at 16 V it pulls a third more, so the cap must be a third less."""
+    effort = MX.effort_cap(tension_N, supply_V=supply_V)
+    assert MX.tension(effort, SpoolMotion.WINDING, supply_V=supply_V).tension_N == pytest.approx(tension_N, abs=1e-9)
+
+
+@given(st.floats(9.0, 19.0), st.floats(0.0, 150.0))
+def test_the_supply_of_a_cap_is_never_below_the_true_one(supply_V: float, tension_N: float) -> None:
+    """Neither its noise nor its recovery may let a motor pull above its cap."""
+    effort = MX.effort_cap(tension_N, supply_V=MX.cap_supply_V(supply_V))
+    for actual_V in (supply_V, min(supply_V, 12.0)):
+        assert MX.tension(effort, SpoolMotion.WINDING, supply_V=actual_V).tension_N <= tension_N + 1e-9
+    assert LAW.cap_supply_V(supply_V) is None
+
+
+@pytest.mark.parametrize(("load", "tension_N"), [(1.0, 238.0), (0.4, 95.0), (1 / 1023, 0.23)])
+def test_mx_28_without_friction_gives_the_rows_of_the_reference(load: float, tension_N: float) -> None:
+    """Reference 3.2, which leaves the gear's friction out."""
+    law = nominal_law(MX_28, 0.0105, friction_load=0.0)
+    assert law.tension(load, SpoolMotion.WINDING).tension_N == pytest.approx(tension_N, rel=0.02)
+
+
+def test_no_load_speed_takes_all_output() -> None:
+    """At the manual's no-load speed and voltage nothing is left for the tendon: an RX-28's is that at 18.5 V."""
+    for model, supply_V in ((MX_28, 12.0), (XL430_W250, 12.0), (RX_28, 18.5)):
+        law = nominal_law(model, 0.0105)
+        rate_m_s = model.no_load_speed_rad_s * 0.0105
+        estimate = law.tension(1.0, SpoolMotion.WINDING, rate_m_s=rate_m_s, supply_V=supply_V)
+        assert estimate.tension_N == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_motor_that_measures_current_has_no_law_by_load() -> None:
+    """An ampere is not a part of full output."""
+    with pytest.raises(InputError, match="tells its current"):
+        nominal_law(XM430_W350, 0.0105)
+
+
 @pytest.mark.parametrize("cap_N", [math.nan, math.inf, -1.0])
 def test_cap_refuses_what_is_no_tension(cap_N: float) -> None:
     """NaN in a cap must not become a current."""
     with pytest.raises(InputError, match="load cap"):
-        LAW.current_cap_A(cap_N)
+        LAW.effort_cap(cap_N)
 
 
 def test_law_refuses_impossible_constants() -> None:
     """A law with a zero slope would divide by it."""
     with pytest.raises(InputError, match="not a load law"):
-        LoadLaw(torque_constant_Nm_per_A=0.0)
+        LoadLaw(torque_per_effort_Nm=0.0)

@@ -18,7 +18,7 @@ RigOf = Callable[..., Any]
 MODELS = [(28, 1), (29, 1), (30, 2), (1020, 2), (1030, 2), (1060, 2)]
 EVERY = pytest.mark.parametrize(("number", "protocol"), MODELS, ids=[str(number) for number, _ in MODELS])
 TORQUE = {1: 24, 2: 64}
-LOAD_LAW = LoadLaw(torque_constant_Nm_per_A=2.0, friction_current_A=0.05)  # here per unit of load
+LOAD_LAW = LoadLaw(torque_per_effort_Nm=2.0, friction_effort=0.05)
 
 
 def make(rig_of: RigOf, number: int, protocol: int, **settings: Any) -> tuple[TendonMotor, Any, Any]:
