@@ -27,6 +27,8 @@ POLL_CYCLES = 25
 """Between two questions for the mode, and between two others, in turn."""
 LONGEST_POWER_UP_S = 5.0
 _LOST_BUS_CYCLES = 5
+_QUESTIONS = 3
+"""That are asked about missing positions before their silence is a fault."""
 _VAGUE = (Reason.ARM_SILENT, Reason.ARM_IDLED, Reason.BUS_FAILED)
 
 
@@ -57,7 +59,7 @@ class ArmSupervision:
     ) -> None:
         """`silent_cycles` without a whole reading are a fault; why they are missing is asked before."""
         self._arm = arm
-        self._suspicious_cycles = max(1, silent_cycles // 2)
+        self._suspicious_cycles = max(1, silent_cycles - _QUESTIONS)
         self._operator = operator if operator is not None else Operator()
         self._say = say
         self._needed = Recovery.NOTHING
@@ -82,10 +84,10 @@ class ArmSupervision:
 
     def ask(self, number: int, sample: ArmSample) -> None:
         """One question in passing, when it is time for one. Raises BusError."""
-        if sample.incomplete_cycles >= self._suspicious_cycles:
-            self._arm.poll_state(sample.missing)
-        elif number % POLL_CYCLES == 0:
+        if number % POLL_CYCLES == 0:
             self._arm.poll_safety_mode()
+        elif sample.incomplete_cycles >= self._suspicious_cycles:
+            self._arm.poll_state(sample.missing)
         elif number % POLL_CYCLES == POLL_CYCLES // 2:
             self._arm.poll_state()
 

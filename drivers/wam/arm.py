@@ -157,10 +157,12 @@ class Arm:
             frame = receive(now_ns)
             if frame is None:
                 break
-            if frame[0] in POSITION_MOTORS:
+            if frame[0] not in POSITION_MOTORS:
+                notice(*frame)
+            elif len(frame[1]) in (3, 6):
                 stale += 1
             else:
-                notice(*frame)
+                self.watch.malformed += 1
         return stale
 
     def collect_positions(self, deadline_ns: int) -> ArmSample:

@@ -76,12 +76,13 @@ class ArmWatch:
     # --- asking
 
     def question(self, missing: tuple[int, ...]) -> RawFrame:
-        """What to ask next, one at a time: of an arm with `missing` nodes its mode and their state, otherwise the
-        pendant, ZERO and the motors' modes in turn."""
+        """What to ask next, one at a time: of an arm with `missing` nodes its mode and in turn their state, otherwise
+        the pendant, ZERO and the motors' modes in turn."""
         self._turn += 1
         if missing:
-            place = self._turn % (len(missing) + 1)
-            return self.mode_question() if not place else (missing[place - 1], bytes((_STATUS_ID,)))
+            if self._turn % 2:
+                return self.mode_question()
+            return missing[self._turn // 2 % len(missing)], bytes((_STATUS_ID,))
         if self._turn % 2 and self._tells_pendant:
             return SAFETY_NODE, bytes((self._pendant_id,))
         place = self._turn // 2 % (JOINTS + 1)
