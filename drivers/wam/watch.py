@@ -144,7 +144,7 @@ class ArmWatch:
         """The safety puck has told the motor pucks their mode: what the operator did, before the next poll."""
         if number == self.safety_mode_id and value == MOTOR_TORQUE:
             self._change_mode(ArmMode.ACTIVE)
-        elif number == self.safety_mode_id and value == MOTOR_IDLE and self.mode is ArmMode.ACTIVE:
+        elif number == self.safety_mode_id and value == MOTOR_IDLE and self.mode is not ArmMode.ESTOP:
             self._change_mode(ArmMode.IDLE)
 
     def _change_mode(self, mode: ArmMode) -> None:
