@@ -103,7 +103,7 @@ def test_protocol_2(serve: Callable[[str], str]) -> None:
 
     def arrived() -> bool:
         assert block.txRxPacket() == 0
-        return block.getData(1, 132, 4) > 685 and block.getData(2, 132, 4) > 635
+        return bool(block.getData(1, 132, 4) > 685 and block.getData(2, 132, 4) > 635)
 
     assert _eventually(arrived)
     slow = [block.getData(motor_id, 132, 4) for motor_id in (1, 2)]

@@ -93,7 +93,7 @@ def test_wrong_id_is_an_intact_answer_of_another(model: Any) -> None:
 
 def test_truncate_and_garbage() -> None:
     """The first bytes only; then others before the answer."""
-    faults = [
+    faults: list[dict[str, Any]] = [
         {"action": {"kind": "truncate", "length": 6}},
         {"action": {"kind": "garbage", "data": "00FF13"}, "at_frame": 2},
     ]
@@ -222,7 +222,7 @@ def test_overheating_trips_and_shows() -> None:
 
 def test_reboot_jump_and_register_are_moments() -> None:
     """A restart by itself, an encoder that jumps, a register that changes; other faults can wait for the restart."""
-    faults = [
+    faults: list[dict[str, Any]] = [
         {"action": {"kind": "reboot", "motors": [1]}, "at_s": 0.01},
         {"action": {"kind": "encoder_jump", "motors": [2], "ticks": 300}, "on": "rebooted"},
         {"action": {"kind": "set_register", "motors": [2], "name": "homing_offset", "value": 7}, "on": "rebooted"},
