@@ -14,7 +14,7 @@ from collections.abc import Callable
 from controller.service.assignment import Assignment, Role, read_assignment
 from controller.service.lifeline import Lifeline, Word
 from controller.service.links import SocketLink
-from controller.service.realtime import RealtimeSettings, enter_realtime
+from controller.service.realtime import RealtimeSettings, enter_realtime, thaw_garbage
 from controller.service.stop_requests import StopRequests
 from drivers.clock import MonotonicClock
 from drivers.errors import StillgraspError
@@ -37,7 +37,9 @@ def main() -> int:
     try:
         run = _runner(assignment.role)
         with StopRequests(keyboard=False) as stop:
-            return run(assignment, lifeline, stop)
+            code = run(assignment, lifeline, stop)
+        thaw_garbage()
+        return code
     except StillgraspError as error:
         lifeline.say(Word.FAILED, str(error))
         return 1

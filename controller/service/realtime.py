@@ -169,3 +169,10 @@ def _set_priority(priority: int) -> str:
     if os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK != os.SCHED_FIFO:
         raise OSError(0, "the kernel kept ordinary scheduling")
     return f"SCHED_FIFO {os.sched_getparam(0).sched_priority}"
+
+
+def thaw_garbage() -> None:
+    """Collect what was frozen: compiled libraries complain of objects that are still there when the process ends."""
+    gc.unfreeze()
+    gc.enable()
+    gc.collect()
