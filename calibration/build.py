@@ -96,6 +96,8 @@ def build_table(
             "interpolation_error_rad": error.excursion_rad,
             "load_interpolation_error_m": error.load_m,
             "load_interpolation_error_rad": error.load_rad,
+            "interpolation_places": float(error.places),
+            "load_interpolation_places": float(error.load_places),
         },
         axes={name: list(axes) for name, axes in GRIDS.items()},
         tendons=["right", "left"],

@@ -22,7 +22,7 @@ SEED = 20
 
 @dataclass(frozen=True)
 class InterpolationError:
-    """Largest error of the pose over the places asked, by either index."""
+    """Largest error of the pose, m and rad, over the places compared, by either index; 0 places prove nothing."""
 
     excursion_m: float
     excursion_rad: float

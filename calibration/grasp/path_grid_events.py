@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +68,7 @@ class Watch:
         for index, side in enumerate(SIDES):
             for feature in _features(system, index, system.first_state()[None]):
                 names.append(f"{side} {feature}")
-                self._curved.append(lambda w, i=index, f=feature: _features(system, i, w)[f])  # type: ignore[misc]
+                self._curved.append(partial(_feature, system, index, feature))
         for gap in gaps(system):
             names.append(gap.name)
             self._curved.append(gap.at)
@@ -116,3 +117,7 @@ def known(values: Reals) -> Flags:
 
 def _features(system: GraspSystem, index: int, w: Reals) -> dict[str, Reals]:
     return system.contacts[index].features(w[:, system.parts[index]], w[:, system.joints : system.unknowns])
+
+
+def _feature(system: GraspSystem, index: int, name: str, w: Reals) -> Reals:
+    return _features(system, index, w)[name]

@@ -220,11 +220,6 @@ class ArmModel:
         )
 
     @property
-    def position_limits_rad(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper joint limits of the URDF, (7) each."""
-        return self._model.lowerPositionLimit.copy(), self._model.upperPositionLimit.copy()
-
-    @property
     def payload_fraction(self) -> float:
         """The part of the payload that the arm carries now, 0 to 1."""
         return self._payload_fraction

@@ -37,9 +37,6 @@ EEPROM_END = 64
 """Protocol 2.0: registers below are EEPROM: locked while torque is on, and worn by writing."""
 EEPROM_END_PROTOCOL_1 = 24
 
-TORQUE_ENABLE_ADDRESS = 64
-"""Protocol 2.0."""
-
 CURRENT_BASED_POSITION_MODE = 5
 EXTENDED_POSITION_MODE = 4
 POSITION_MODE = 3
@@ -158,10 +155,6 @@ class MotorModel:
     def output_per_tick(self, gain: int) -> float:
         """Part of full output that the position loop asks for per tick of position error."""
         return 1.0 / gain if self.position_gain_divisor == 0 else gain / self.position_gain_divisor / self.full_pwm
-
-    def holding_current_A_per_tick(self, position_p_gain: int) -> float:
-        """The same for a model that measures its current, A. InputError for another."""
-        return self.holding_effort_per_tick(position_p_gain) * self.current_unit_A / self.effort_unit
 
 
 _PROTOCOL_2_BAUDS = MappingProxyType(

@@ -131,11 +131,6 @@ class SimulatedWam:
         """The safety puck's MODE: 0 E-stop, 1 idle, 2 active."""
         return self._safety.mode
 
-    @property
-    def watched_speed(self) -> float:
-        """The greatest speed in the safety puck's last reading: m/s at the elbow; before zeroing, rad/s of a joint."""
-        return self._watch.speed
-
     # --- the bus
 
     def receive(self, frame: Frame, now_ns: int) -> list[TimedFrame]:

@@ -103,11 +103,6 @@ class Arm:
         """Last seen pendant state."""
         return self.watch.pendant
 
-    @property
-    def clipped_torques(self) -> int:
-        """Cycles in which a motor's limit bound the torque."""
-        return self._torques.clipped
-
     def start(self, operator: Operator | None = None) -> ArmIdentity:
         """Find, wake, check and, if positions were lost, zero the arm at `home_rad`, where the operator has put it.
 

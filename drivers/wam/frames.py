@@ -34,7 +34,6 @@ RawFrame = tuple[int, bytes]
 ERROR_FRAME = 0x20000000
 """Flag in the identifier of an error frame, which the adapter tells its host (linux/can/error.h)."""
 
-TORQUE_LIMIT_UNITS = 8191
 _SENDER_MASK = 0x3E0
 _TO_MASK = 0x41F
 _POSITION_TO = GROUP_BIT | GROUP_POSITION
@@ -196,11 +195,6 @@ def sender(message: can.Message) -> int:
 def is_position(message: can.Message) -> bool:
     """Whether the identifier is that of a position reply; the rest may still be malformed."""
     return message.arbitration_id & _TO_MASK == _POSITION_TO
-
-
-def is_property(message: can.Message) -> bool:
-    """Whether the identifier is that of a property reply; the rest may still be malformed."""
-    return message.arbitration_id & _TO_MASK == _PROPERTY_TO
 
 
 def property_and_value(identifier: int, data: bytes | bytearray) -> tuple[int, int]:

@@ -21,7 +21,7 @@ from drivers.wam.transmission import joint_to_motor_torque
 
 
 class TorquePacking:
-    """Packs joint torques for one arm. `clipped` counts the calls in which a motor's limit bound."""
+    """Packs joint torques for one arm."""
 
     def __init__(self, units_per_Nm: ArrayLike, limit_units: ArrayLike, torque_id: int) -> None:
         """Puck units per N·m of motor torque (7), largest magnitude of each motor in puck units (7), number of T."""
@@ -29,7 +29,6 @@ class TorquePacking:
         self._units_per_joint_Nm = np.asarray(units_per_Nm, dtype=np.float64)[:, None] * motor_per_joint
         self._limits: list[float] = np.asarray(limit_units, dtype=np.float64).tolist()
         self._torque_id = torque_id
-        self.clipped = 0
 
     def frames(self, joint_torque_Nm: Sequence[float] | NDArray[np.float64]) -> tuple[bytes, bytes]:
         """Data of the frames to groups 1 and 2. InputError if the torques are not seven finite numbers."""
@@ -37,14 +36,11 @@ class TorquePacking:
         if torque_Nm.shape != (JOINTS,) or not isfinite(torque_Nm.sum()):
             raise InputError(f"joint torques {torque_Nm.tolist()} are not acceptable; expected seven finite numbers.")
         units: list[float] = (self._units_per_joint_Nm @ torque_Nm).tolist()
-        bound = False
         for motor, limit in enumerate(self._limits):
             if not -limit <= units[motor] <= limit:
                 if units[motor] != units[motor]:  # enormous torques of both signs in one differential
                     raise InputError(f"joint torques {torque_Nm.tolist()} are not acceptable; expected real ones.")
                 units[motor] = limit if units[motor] > 0.0 else -limit
-                bound = True
-        self.clipped += bound
         one, two, three, four, five, six, seven = units
         torque_id = self._torque_id
         return torque_data(one, two, three, four, torque_id), torque_data(five, six, seven, 0.0, torque_id)

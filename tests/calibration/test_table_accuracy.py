@@ -100,6 +100,7 @@ def test_the_header_states_the_error(case: tuple[GraspSystem, MotionTable]) -> N
     assert 0 < solver["load_interpolation_error_m"] < LARGEST_M
     assert 0 < solver["interpolation_error_rad"] < LARGEST_RAD
     assert 0 < solver["load_interpolation_error_rad"] < LARGEST_RAD
+    assert min(solver["interpolation_places"], solver["load_interpolation_places"]) > 200
     assert solver["failed_nodes"] == 0
 
 
@@ -115,10 +116,11 @@ def test_domain_reaches_the_event_that_ends_it(case: tuple[GraspSystem, MotionTa
 
 
 def test_a_supported_table_is_as_right() -> None:
-    """With the support's drag, at its own places."""
+    """With the support's drag, at the build's own places, of which there are enough to say so."""
     thing = replace(load_object("cylinder40"), mass_kg=0.3)
     solver = build_table(load_hand("t42pf"), thing, GraspSpec(onset_split=0.1)).header.solver
     assert solver["interpolation_error_m"] < LARGEST_M
     assert solver["load_interpolation_error_m"] < LARGEST_M
     assert solver["load_interpolation_error_rad"] < LARGEST_RAD
+    assert min(solver["interpolation_places"], solver["load_interpolation_places"]) > 200
     assert solver["failed_nodes"] == 0
