@@ -16,6 +16,8 @@ import numpy as np
 import ruckig
 from numpy.typing import NDArray
 
+from controller.cycle.path_planning import NO_PLAN
+
 Array = NDArray[np.float64]
 Vector3 = tuple[float, float, float]
 
@@ -120,7 +122,7 @@ class OffsetSmoother:
     def _planned(self) -> bool:
         try:
             self._generator.update(self._input, self._output)
-        except ruckig.RuckigError:
+        except NO_PLAN:
             return False
         return True
 

@@ -7,6 +7,11 @@ from typing import Protocol
 import ruckig
 
 
+NO_PLAN = (ruckig.RuckigError, ValueError)
+"""What Ruckig raises where it finds no plan; ValueError for results that its enumeration lacks (-101: a duration beyond
+its numerical range, as after a jump of the target)."""
+
+
 class Trajectory(Protocol):
     """A planned path: position, velocity and acceleration (lists, one number a degree of freedom) at its own time."""
 
@@ -23,7 +28,7 @@ def planned(request: ruckig.InputParameter, degrees: int) -> Trajectory:
     trajectory: Trajectory = ruckig.Trajectory(degrees)
     try:
         ruckig.Ruckig(degrees).calculate(request, trajectory)
-    except ruckig.RuckigError:
+    except NO_PLAN:
         request.max_jerk = [0.999 * jerk for jerk in request.max_jerk]
         ruckig.Ruckig(degrees).calculate(request, trajectory)
     return trajectory

@@ -175,6 +175,19 @@ def follow(smoother: OffsetSmoother, path: Callable[[float], PlanarMotion], dura
     return worst_m
 
 
+def test_smoother_survives_a_target_that_jumps_while_it_moves_fast() -> None:
+    """An index that jumps, as by an encoder that wraps, gave Ruckig a duration beyond its range and ended the cycle."""
+    smoother = OffsetSmoother(PERIOD_S, LIMITS)
+    jumped = PlanarMotion(
+        (-0.010229972066868607, 0.04395641872207421, -0.196535360997101),
+        (-0.002336238145483671, -0.20391553346345048, 1.2688591299115668),
+        (-0.6671091907562889, -102.04921112167067, 634.4295649557833),
+    )
+    offset = smoother.step(jumped)
+    assert smoother.failures == 1
+    assert offset.pose == (0.0, 0.0, 0.0)
+
+
 def test_smoother_follows_a_squeeze_without_lag() -> None:
     """A target that moves as a squeeze does, with its own rate and acceleration, is met within a micrometre."""
 
