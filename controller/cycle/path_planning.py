@@ -6,7 +6,6 @@ from typing import Protocol
 
 import ruckig
 
-
 NO_PLAN = (ruckig.RuckigError, ValueError)
 """What Ruckig raises where it finds no plan; ValueError for results that its enumeration lacks (-101: a duration beyond
 its numerical range, as after a jump of the target)."""
