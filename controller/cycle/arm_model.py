@@ -120,10 +120,8 @@ class ArmModel:
             self._mu = identified
         self._empty_inertia = self._model.inertias[self._last_joint].copy()
         if hand is not None:
-            self._empty_inertia = self._empty_inertia + self._at_last_joint(hand, 1.0)
-        self._payload = payload
-        self._payload_fraction = 0.0
-        self._set_last_inertia()
+            self._empty_inertia = self._empty_inertia + self._at_last_joint(*_checked_body(hand))
+        self.set_payload(payload)
 
         # Data must be made after the last frame (real-time reference 6): earlier ones are too short.
         self._data = self._model.createData()
@@ -225,13 +223,9 @@ class ArmModel:
         return self._payload_fraction
 
     def set_payload(self, payload: RigidBody | None) -> None:
-        """Take another object into account, from fraction 0."""
-        previous, self._payload = self._payload, payload
-        try:
-            self._set_last_inertia(0.0)
-        except InputError:
-            self._payload = previous
-            raise
+        """Take another object into account, from fraction 0. InputError: nothing changes."""
+        self._payload = None if payload is None else _checked_body(payload)
+        self._set_last_inertia(0.0)
 
     def set_payload_fraction(self, fraction: float) -> None:
         """Let the arm carry this part (0 to 1) of the payload; ramped by the caller so that torques do not jump."""
@@ -240,30 +234,35 @@ class ArmModel:
         if fraction != self._payload_fraction:
             self._set_last_inertia(fraction)
 
-    def _set_last_inertia(self, fraction: float = 0.0) -> None:
+    def _set_last_inertia(self, fraction: float) -> None:
         inertia = self._empty_inertia
-        if self._payload is not None:
-            inertia = inertia + self._at_last_joint(self._payload, fraction)
+        if self._payload is not None and fraction > 0.0:
+            mass_kg, com_m, tensor_kgm2 = self._payload
+            inertia = inertia + self._at_last_joint(fraction * mass_kg, com_m, fraction * tensor_kgm2)
         self._model.inertias[self._last_joint] = inertia
         self._payload_fraction = fraction
 
-    def _at_last_joint(self, body: RigidBody, fraction: float) -> Any:
+    def _at_last_joint(self, mass_kg: float, com_m: FloatArray, tensor_kgm2: FloatArray) -> Any:
         """Spatial inertia of a body in hand axes, seen from the frame of the last joint."""
-        values = np.array([body.mass_kg, *body.com_m, *body.inertia_kgm2], dtype=np.float64)
-        if values.shape != (10,) or not np.isfinite(values).all() or values[0] < 0.0:
-            raise InputError(
-                f"body has mass, centre of mass and inertia {values.tolist()}; expected a mass ≥ 0 kg, three "
-                "coordinates in m and xx yy zz xy xz yz in kg·m², all finite."
-            )
-        xx, yy, zz, xy, xz, yz = values[4:]
-        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        if np.linalg.eigvalsh(tensor)[0] < -1e-9:
-            raise InputError(
-                f"body inertia {values[4:].tolist()} is not positive; expected xx yy zz xy xz yz about the centre of "
-                "mass with tensor signs. Negate published products of inertia."
-            )
-        inertia = pinocchio.Inertia(fraction * values[0], values[1:4], fraction * tensor)
-        return self._T_last_joint_hand.act(inertia)
+        return self._T_last_joint_hand.act(pinocchio.Inertia(mass_kg, com_m, tensor_kgm2))
+
+
+def _checked_body(body: RigidBody) -> tuple[float, FloatArray, FloatArray]:
+    """Mass, centre of mass (3) and inertia about it (3×3) of a body. InputError for what no body has."""
+    values = np.array([body.mass_kg, *body.com_m, *body.inertia_kgm2], dtype=np.float64)
+    if values.shape != (10,) or not np.isfinite(values).all() or values[0] < 0.0:
+        raise InputError(
+            f"body has mass, centre of mass and inertia {values.tolist()}; expected a mass ≥ 0 kg, three "
+            "coordinates in m and xx yy zz xy xz yz in kg·m², all finite."
+        )
+    xx, yy, zz, xy, xz, yz = values[4:]
+    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    if np.linalg.eigvalsh(tensor)[0] < -1e-9:
+        raise InputError(
+            f"body inertia {values[4:].tolist()} is not positive; expected xx yy zz xy xz yz about the centre of "
+            "mass with tensor signs. Negate published products of inertia."
+        )
+    return float(values[0]), values[1:4], tensor
 
 
 def checked_joints(values: npt.ArrayLike, what: str) -> FloatArray:

@@ -23,6 +23,7 @@ from controller.cycle.cycle_record import CycleRecorder
 from controller.cycle.grasp_state import ArmState
 from controller.cycle.grasping import Grasping, Outcome
 from controller.cycle.joint_control import JointControl
+from controller.cycle.lifted_load import LiftedLoad
 from controller.cycle.orders import Orders
 from controller.cycle.pacer import Pacer
 from controller.cycle.safety import SafetyMonitor, governor
@@ -117,6 +118,7 @@ class Cycle:
         self._torque = np.zeros(7)
         self._governor = 1.0
         self._commands = CommandQueue(links.commands, parts.grasping)
+        self._load = LiftedLoad(parts.model, parts.motion, parts.grasping, parts.settings.period_s)
         self._record = CycleRecorder(self, parts, links.records)
         self.cpu_us = 0.0
         """Processor time of the last period."""
@@ -144,6 +146,7 @@ class Cycle:
         self._listen(now_ns)
         self._grasp(now_ns)
         self._move()
+        self._load.step()
         if self._asked and self._on_bus(lambda: self._feel(now_ns)):
             self._on_bus(self._act)
         if self._parts.orders.shutting_down and not self._parts.motion.moving:

@@ -55,6 +55,7 @@ class PlanarTable:
         self.free_slope_N_per_m: Pair = (right, left)
         x, y, _, _, _, angle = table.contact_pose.tolist()
         self.contact_pose: Vector3 = (x, y, angle)
+        self.object_mass_kg = float(table.header.object["mass_kg"])
         hand = table.header.hand
         self.compliance_m_per_N: Pair = (_compliance(hand["right"]), _compliance(hand["left"]))
 

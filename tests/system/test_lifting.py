@@ -1,0 +1,82 @@
+"""A heavy object is gripped, lifted and carried on virtual time: the arm model carries it, and it does not slip."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio
+import pytest
+from numpy.typing import NDArray
+
+from calibration.build import build_table
+from calibration.grasp.specification import GraspSpec
+from calibration.objects import load_object
+from controller.config import load_config
+from controller.service.assembly import configured_hand
+from controller.service.requests import grasp_wrist_pose
+from controller.simulation.demo_cases import APPROACH_M, GraspCase, approach_joints
+from controller.simulation.demo_report import Track
+from controller.simulation.virtual_robot import VirtualRobot
+
+pytestmark = pytest.mark.slow
+
+HEAVY = """
+name = "full glass"
+mass_kg = 0.6
+height_m = 0.12
+shape = { kind = "disc", diameter_m = 0.040 }
+[support]
+friction = 0.3
+"""
+LIFT_M = 0.05
+
+
+def placed(case: GraspCase) -> NDArray[np.float64]:
+    """T_world_object of a case."""
+    T_world_object = np.eye(4)
+    T_world_object[:3, :3] = pinocchio.exp3(np.array([0.0, 0.0, case.object_yaw_rad]))
+    T_world_object[:3, 3] = case.object_xyz_m
+    return T_world_object
+
+
+def test_a_heavy_object_is_lifted_without_a_sag(tmp_path: Path, symmetric_case: GraspCase) -> None:
+    """600 g weigh on the wrist from the moment they are lifted; without them in the model it sags and they slip."""
+    config = load_config(overrides={"tables": {"directory": str(tmp_path)}})
+    object_file = tmp_path / "glass.toml"
+    object_file.write_text(HEAVY)
+    hand = configured_hand(config)
+    table = build_table(hand, load_object(str(object_file)), GraspSpec(), nodes=9)
+    table.save(tmp_path / "glass.npz")
+    track = Track(hand)
+    scene = replace(symmetric_case.scene, object=str(object_file))
+    robot = VirtualRobot(config, scene, recorder=track, observe=track.observe)
+    robot.activate()
+    with robot.client() as client:
+        client.hello("test")
+        client.arm_move_joints(approach_joints(config, table, symmetric_case), speed=1.0).wait()
+        client.grasp_preposition(
+            "glass",
+            object_xyz_m=symmetric_case.object_xyz_m,
+            object_yaw_rad=symmetric_case.object_yaw_rad,
+            approach_m=APPROACH_M,
+            speed=1.0,
+        ).wait()
+        client.grasp_close().wait()
+        client.grasp_squeeze(load_N=80.0, duration_s=1.0).wait()
+        track.watching = True
+        robot.run_for(0.01)
+        lifted = grasp_wrist_pose(table, placed(symmetric_case), config.T_wrist_hand)
+        lifted[2, 3] += LIFT_M
+        turn = pinocchio.Quaternion(lifted[:3, :3])
+        client.arm_move_wrist(lifted[:3, 3].tolist(), [turn.w, turn.x, turn.y, turn.z], speed=0.5).wait()
+        robot.run_for(0.3)
+    wrist_m = np.array([truth.T_world_wrist[2, 3] for truth in track.truths])
+    glass_m = np.array([truth.T_world_object[2, 3] for truth in track.truths])
+    wanted_m = np.array([record["wrist_xyz_m"][2] for record in track.records])
+    at = np.searchsorted(track.record_times_ns, [truth.time_ns for truth in track.truths])
+    error_m = wrist_m - wanted_m[np.clip(at, 0, len(wanted_m) - 1)]
+    assert glass_m[-1] - glass_m[0] == pytest.approx(LIFT_M, abs=3e-4)
+    assert abs(error_m).max() < 0.4e-3
+    assert abs(error_m[-1]) < 0.05e-3
