@@ -9,11 +9,11 @@ import numpy as np
 from calibration.hand.parameters import Hand
 from calibration.objects.parameters import load_object
 from calibration.tactile_file import SIDES
-from controller.config import RobotConfig, Tactile, TendonMotor
+from controller.config import RobotConfig, Tactile
 from controller.service.tactile_assembly import configured_cells
 from controller.simulation.world import World
 from controller.simulation.world_model import Imperfections
-from drivers.dynamixel.control_tables import XM430_W350, MotorModel, model_by_name
+from drivers.dynamixel.control_tables import XM430_W350, model_by_name
 from drivers.simulated.dynamixel import SimulatedMotors, SimulatedMotorSettings
 from drivers.simulated.dynamixel_electrics import electrics_of
 from drivers.simulated.faults import FaultScript
@@ -31,7 +31,8 @@ class Scene:
     """An object (name or file) whose section's centre stands at `object_xyz_m`, turned by `object_yaw_rad`, on its own
     support; its outline is turned by `outline_angle_rad` more, as first contact places it in the hand. The arm stands
     at `joint_rad` (7, rad). `seed` draws the arm's imperfections and the noise of the motors' current or load, of which
-    `motor_noise_counts` is the standard deviation."""
+    `motor_noise_counts` is the standard deviation. `motor_effort_offset`: what right and left motor tell too much of
+    their effort while they pull in, A (XM430) or part of full output; it grows by `motor_effort_drift_per_s`."""
 
     object: str = "cylinder40"
     object_xyz_m: tuple[float, float, float] = (0.80, 0.0, 0.55)
@@ -40,6 +41,8 @@ class Scene:
     joint_rad: tuple[float, ...] = READY_RAD
     seed: int = 0
     motor_noise_counts: float = 0.0
+    motor_effort_offset: tuple[float, float] = (0.0, 0.0)
+    motor_effort_drift_per_s: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,22 @@ def build_devices(
     )
     motors = SimulatedMotors(
         world,
-        (_mounted(config.tendons.right, model), _mounted(config.tendons.left, model)),
+        [
+            SimulatedMotorSettings(
+                motor.id,
+                motor.zero_ticks,
+                motor.tightening_sign,
+                model,
+                effort_offset=offset,
+                effort_drift_per_s=drift_per_s,
+            )
+            for motor, offset, drift_per_s in zip(
+                (config.tendons.right, config.tendons.left),
+                scene.motor_effort_offset,
+                scene.motor_effort_drift_per_s,
+                strict=True,
+            )
+        ],
         baud=config.tendons.baud,
         noise_counts=scene.motor_noise_counts,
         seed=scene.seed,
@@ -107,7 +125,3 @@ def _pads(tactile: Tactile, world: World, seed: int) -> SimulatedTakktile:
         for cell in mapped
     ]
     return SimulatedTakktile(world.fingertip_force_N, cells, seed=seed)
-
-
-def _mounted(motor: TendonMotor, model: MotorModel) -> SimulatedMotorSettings:
-    return SimulatedMotorSettings(motor.id, motor.zero_ticks, motor.tightening_sign, model)

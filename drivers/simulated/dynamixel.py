@@ -19,6 +19,7 @@ from typing import Protocol
 from drivers.dynamixel.control_tables import XM430_W350, MotorModel
 from drivers.errors import InputError
 from drivers.simulated.dynamixel_answer import Answer, collided
+from drivers.simulated.dynamixel_effort import EffortErrors
 from drivers.simulated.dynamixel_motor import SimulatedMotor
 from drivers.simulated.dynamixel_packets import BROADCAST, Packet
 from drivers.simulated.dynamixel_protocol1 import Protocol1
@@ -63,6 +64,10 @@ class SimulatedMotorSettings:
     """Without it, as delivered today."""
     baud: int | None = None
     """Without it, the bus's."""
+    effort_offset: float = 0.0
+    """Error of what it tells of its effort: A, or part of full output; positive towards growing shaft angles."""
+    effort_drift_per_s: float = 0.0
+    """How this changes in time."""
 
     def __post_init__(self) -> None:
         highest = 253 if self.model.protocol == 1 else 252
@@ -101,10 +106,8 @@ class SimulatedMotors:
     ) -> None:
         if not settings or (len({s.motor_id for s in settings}) != len(settings) and not shared_ids):
             raise InputError("simulated motors need at least one motor, each with its own id.")
-        if not (math.isfinite(supply_V) and 0.0 <= supply_V <= 30.0 and 0.0 <= noise_counts <= 1000.0):
-            raise InputError(
-                f"supply {supply_V} V, noise {noise_counts} counts; expected 0 to 30 V and 0 to 1000 counts."
-            )
+        if not (math.isfinite(supply_V) and 0.0 <= supply_V <= 30.0):
+            raise InputError(f"supply {supply_V} V; expected 0 to 30 V.")
         self.heard: deque[bytes] = deque(maxlen=256)
         self.motors = [
             SimulatedMotor(
@@ -112,7 +115,9 @@ class SimulatedMotors:
                 one.model,
                 baud=one.baud or baud,
                 firmware=one.firmware,
-                noise_counts=noise_counts,
+                effort=EffortErrors(
+                    noise_counts, one.direction * one.effort_offset, one.direction * one.effort_drift_per_s
+                ),
                 seed=seed,
             )
             for one in settings

@@ -5,9 +5,9 @@
     current     the output that drives this current, as far as the supply reaches
     output      as ordered
 
-then within the output cap and, in current-based position mode, the current within its cap. Position loop: P part only;
-its other gains have no effect. Positive = counter-clockwise. Scales: dynamixel reference 2.2, 2.3; velocity gains
-(/128, /65 536 a millisecond) from the ROBOTIS e-manual.
+then within the output cap and, in current-based position mode, the current within its cap, as the motor measures it.
+Position loop: P part only; its other gains have no effect. Positive = counter-clockwise. Scales: dynamixel reference
+2.2, 2.3; velocity gains (/128, /65 536 a millisecond) from the ROBOTIS e-manual.
 """
 
 from __future__ import annotations
@@ -98,7 +98,8 @@ class InnerLoop:
 
     def __init__(self, electrics: Electrics, full_output: float) -> None:
         self.trajectory = Trajectory()
-        self._electrics = electrics
+        self.electrics = electrics
+        """As warm as the motor is."""
         self._full = full_output
         self._integral = 0.0
 
@@ -115,9 +116,10 @@ class InnerLoop:
         shaft_rad_s: float,
         supply_V: float,
         period_s: float,
+        sensor_error_A: float = 0.0,
     ) -> Outcome:
-        """One step of `period_s`, from what the sensors tell."""
-        electrics = self._electrics
+        """One step of `period_s`, from what the sensors tell; `sensor_error_A`: of the current."""
+        electrics = self.electrics
         volt_per_count = supply_V / self._full
         back_emf_V = electrics.back_emf_V_s * shaft_rad_s
         if order.drive is Drive.POSITION:
@@ -126,15 +128,16 @@ class InnerLoop:
         elif order.drive is Drive.VELOCITY:
             output = self._velocity_output(order, order.goal - velocity_counts, period_s)
         elif order.drive is Drive.CURRENT:
-            output = (order.goal * electrics.resistance_ohm + back_emf_V) / volt_per_count
+            output = ((order.goal - sensor_error_A) * electrics.resistance_ohm + back_emf_V) / volt_per_count
         else:
             output = order.goal
         cap = order.output_cap
         output = max(-cap, min(cap, output))
         demand = abs(output) / self._full
         current_A = (output * volt_per_count - back_emf_V) / electrics.resistance_ohm
-        if abs(current_A) > order.current_cap_A:
-            current_A = math.copysign(order.current_cap_A, current_A)
+        measured_A = current_A + sensor_error_A
+        if abs(measured_A) > order.current_cap_A:
+            current_A = math.copysign(order.current_cap_A, measured_A) - sensor_error_A
             output = (current_A * electrics.resistance_ohm + back_emf_V) / volt_per_count
         return Outcome(output, current_A, demand)
 

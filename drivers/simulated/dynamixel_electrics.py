@@ -5,11 +5,14 @@
 R is that of the stall point nearest to 12 V; k_e makes the no-load speed the manual's against the gear's friction,
 which belongs to the plant: K × I0 against the motion. K: dynamixel reference 3.1. I0 of the XM430-W350: 0.13 A there;
 of the others the same part of the stall current, an assumption, as nothing is published.
+
+Heat: R grows like copper, 0.39 % a kelvin, so that the same output drives less current; K and k_e fall by 0.1 %, as the
+magnets do (an assumption within the reference's "few percent"). The manual's numbers hold at 30 °C.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from drivers.dynamixel.control_tables import MX_28, MX_28_2, RX_28, XL430_W250, XM430_W210, XM430_W350, MotorModel
 
@@ -24,6 +27,9 @@ _TORQUE_CONSTANT_NM_PER_A = {
 _FRICTION_PART_OF_STALL = 0.13 / 2.3
 _NO_LOAD_SUPPLY_V = {RX_28.number: 18.5}
 _ROTOR_INERTIA_KGM2 = 1e-7
+REFERENCE_C = 30.0
+RESISTANCE_PER_K = 0.0039
+TORQUE_PER_K = -0.001
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +48,17 @@ class Electrics:
     def gear_friction_Nm(self) -> float:
         """Coulomb friction of the gear, for the plant."""
         return self.torque_constant_Nm_per_A * self.friction_current_A
+
+    def at(self, temperature_C: float) -> Electrics:
+        """The same motor at another temperature of its winding and magnets."""
+        excess_K = temperature_C - REFERENCE_C
+        weaker = 1.0 + TORQUE_PER_K * excess_K
+        return replace(
+            self,
+            resistance_ohm=self.resistance_ohm * (1.0 + RESISTANCE_PER_K * excess_K),
+            torque_constant_Nm_per_A=self.torque_constant_Nm_per_A * weaker,
+            back_emf_V_s=self.back_emf_V_s * weaker,
+        )
 
 
 def electrics_of(model: MotorModel) -> Electrics:

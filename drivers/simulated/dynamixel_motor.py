@@ -1,18 +1,18 @@
 """One simulated motor of any model: its control table, what it goes through, and torque for its gear.
 
-What the host reads is quantised: position to ticks (floor), speed, current or load to the model's units, with noise on
-the effort if there is any. Load is the motor's own output (dynamixel reference 2.4). Hardware errors, restarts and the
-watchdog: reference 6.2, 6.3. Positive = counter-clockwise, like the registers. Loop: `dynamixel_drive.py`.
+What the host reads is quantised: position to ticks (floor), speed, current or load to the model's units. Hardware
+errors, restarts and the watchdog: dynamixel reference 6.2, 6.3. Positive = counter-clockwise, like the registers. Loop:
+`dynamixel_drive.py`; effort: `dynamixel_effort.py`; heat: `dynamixel_stress.py`, `dynamixel_electrics.py`.
 """
 
 from __future__ import annotations
 
 import math
-import random
 
 from drivers.dynamixel.control_tables import XM430_W350, MotorModel, Register
 from drivers.errors import InputError
 from drivers.simulated.dynamixel_drive import Drive, InnerLoop, Order
+from drivers.simulated.dynamixel_effort import NO_ERRORS, EffortErrors, EffortSense
 from drivers.simulated.dynamixel_electrics import electrics_of
 from drivers.simulated.dynamixel_orders import (
     POSITION_MODE,
@@ -36,10 +36,11 @@ RATE_TOLERANCE = 0.03
 VOLTAGE, OVERHEATING, OVERLOAD = 0x01, 0x04, 0x20
 _CHECK_S = 0.01
 _LONGEST_STEP_S = 1.0
+_WARMER_K = 0.1
 
 
 class SimulatedMotor:
-    """Registers and inner loop of one motor. `noise_counts`: standard deviation of the effort that the host reads.
+    """Registers and inner loop of one motor. `seed` draws the noise of what it tells of its effort.
 
     InputError for a baud rate that the model does not have.
     """
@@ -51,7 +52,7 @@ class SimulatedMotor:
         *,
         baud: int = 1_000_000,
         firmware: int | None = None,
-        noise_counts: float = 0.0,
+        effort: EffortErrors = NO_ERRORS,
         seed: int = 0,
     ) -> None:
         self.model = model
@@ -75,10 +76,9 @@ class SimulatedMotor:
             self._values["firmware"] = firmware
         self._position_range = _range(model, "present_position")
         self._velocity_range = _range(model, "present_velocity")
-        self._effort_range = _range(model, model.effort_register)
         self._loop = InnerLoop(self.electrics, float(model.full_pwm))
-        self._noise_counts = noise_counts
-        self._random = random.Random(f"{seed}/{motor_id}")
+        self._loop_C = self.stress.temperature_C
+        self._sense = EffortSense(model, effort, f"{seed}/{motor_id}")
         self._angle_rad = 0.0
         self._turn_offset_ticks = 0
         self._encoder_jump_ticks = 0
@@ -246,26 +246,28 @@ class SimulatedMotor:
             self.current_A = output = demand = 0.0
         else:
             velocity_counts = shaft_rad_s / self.model.velocity_unit_rad_s
-            outcome = self._loop.step(order, self._loop_ticks(), velocity_counts, shaft_rad_s, self.supply_V, period_s)
+            outcome = self._loop.step(
+                order,
+                self._loop_ticks(),
+                velocity_counts,
+                shaft_rad_s,
+                self.supply_V,
+                period_s,
+                self._sense.current_error_A,
+            )
             self.current_A, output, demand = outcome.current_A, outcome.output, outcome.demand
+        self._sense.pass_time(period_s)
         self._tell_effort(output)
         self.stress.step(period_s, self.current_A, demand, shaft_rad_s)
         self._unchecked_s += period_s
         if self._unchecked_s >= _CHECK_S:
             self._unchecked_s = 0.0
             self._check_alarms()
-        return sign * self.electrics.torque_constant_Nm_per_A * self.current_A if order is not None else 0.0
+        return sign * self._loop.electrics.torque_constant_Nm_per_A * self.current_A if order is not None else 0.0
 
     def _tell_effort(self, output: float) -> None:
         values, model = self._values, self.model
-        if model.effort == "current":
-            effort = self.current_A / model.effort_unit
-        else:
-            effort = output / model.full_pwm / model.effort_unit
-        if self._noise_counts and self.powered:
-            effort += self._random.gauss(0.0, self._noise_counts)
-        lowest, highest = self._effort_range
-        values[model.effort_register] = max(lowest, min(highest, round(effort)))
+        values[model.effort_register] = self._sense.counts(self.current_A, output, self.powered)
         if "present_pwm" in values:
             values["present_pwm"] = round(output)
             trajectory = self._loop.trajectory
@@ -274,10 +276,12 @@ class SimulatedMotor:
             values["velocity_trajectory"] = round(trajectory.velocity * model.tick_rad / model.velocity_unit_rad_s)
 
     def _check_alarms(self) -> None:
-        """Voltage, temperature and overload against their limits."""
-        values, unit_V = self._values, self.model.voltage_unit_V
+        """Voltage, temperature and overload against their limits; the loop becomes as warm as the motor."""
+        values, unit_V, temperature_C = self._values, self.model.voltage_unit_V, self.stress.temperature_C
+        if abs(temperature_C - self._loop_C) >= _WARMER_K:
+            self._loop_C, self._loop.electrics = temperature_C, self.electrics.at(temperature_C)
         values["present_input_voltage"] = round(self.supply_V / unit_V)
-        values["present_temperature"] = max(0, math.floor(self.stress.temperature_C))
+        values["present_temperature"] = max(0, math.floor(temperature_C))
         live = 0
         if not values["min_voltage_limit"] <= values["present_input_voltage"] <= values["max_voltage_limit"]:
             live |= VOLTAGE
