@@ -17,8 +17,9 @@ import pytest
 from controller.config import RobotConfig
 from controller.reasons import EXPLANATIONS
 from controller.simulation.demo_cases import GraspCase
+from tests.system.fault_page import PAGE, written
 from tests.system.wam_fault_cases import ADVICE, CASES
-from tests.system.wam_fault_matrix import PAGE, PHASES, Case, Cell, written
+from tests.system.wam_fault_matrix import BEGIN, END, PHASES, Case, Cell, matrix
 from tests.system.wam_fault_rig import PERIOD_NS, Robot, Seen, split
 
 pytestmark = pytest.mark.slow
@@ -172,4 +173,4 @@ def test_the_matrix_is_in_the_docs() -> None:
     """Protects the reader of docs/faults.md: it holds what these tests hold. Else: python -m
     tests.system.wam_fault_cases --write"""
     page = PAGE.read_text(encoding="utf-8")
-    assert page == written(page, CASES)
+    assert page == written(page, BEGIN, END, matrix(CASES))

@@ -9,7 +9,6 @@ reference 4.5, 4.6, 7 and design 5; what the operator is told, from `ADVICE`, wh
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 from drivers.simulated.arm_faults import BrownOut, Press, SetProperty, Silence, Supply
@@ -27,9 +26,11 @@ from drivers.simulated.can_fault_actions import (
     Unplug,
 )
 from drivers.simulated.faults import Fault
+from tests.system.fault_page import tell
 from tests.system.wam_fault_matrix import (
+    BEGIN,
+    END,
     GOES_ON,
-    PAGE,
     STARTS,
     Case,
     Cell,
@@ -38,7 +39,6 @@ from tests.system.wam_fault_matrix import (
     lost,
     matrix,
     refuses,
-    written,
 )
 
 MID_CYCLE_S = 0.0003
@@ -363,7 +363,4 @@ ADVICE = {
 
 
 if __name__ == "__main__":
-    if sys.argv[1:] == ["--write"]:
-        PAGE.write_text(written(PAGE.read_text(encoding="utf-8"), CASES), encoding="utf-8")
-    else:
-        print(matrix(CASES))
+    tell(BEGIN, END, matrix(CASES))

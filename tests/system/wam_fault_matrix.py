@@ -7,13 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 from drivers.simulated.faults import Fault
 
 PHASES = ("start-up", "idle", "moving", "squeezing")
-PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
 BEGIN, END = "<!-- matrix of tests/system/wam_fault_cases.py: begin -->", "<!-- matrix: end -->"
 Kind = Literal["goes on", "holds", "idles", "unpowered", "lost", "starts", "refuses"]
 
@@ -101,12 +99,3 @@ def _text(case: Case, phase: str) -> str:
             "lost": f"last torque until the heartbeat; said {limit}",
         }[cell.kind]
     return f"{text}, `{cell.code}`" if cell.code else text
-
-
-def written(page: str, cases: Sequence[Case]) -> str:
-    """The page with the matrix in its place. ValueError if the page has no place for it."""
-    before, _, rest = page.partition(BEGIN)
-    _, found, after = rest.partition(END)
-    if not found:
-        raise ValueError(f"{PAGE} lacks the line {BEGIN} or {END}")
-    return f"{before}{BEGIN}\n\n{matrix(cases)}\n\n{END}{after}"

@@ -7,9 +7,6 @@ says, from its front, as a client would.
 
 from __future__ import annotations
 
-import os
-import pickle
-import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -30,6 +27,7 @@ from drivers.simulated.can_wire import Frame, TimedFrame
 from drivers.simulated.faults import Fault, FaultScript
 from drivers.wam.parameters import load_wam_parameters
 from drivers.wam.transmission import joint_to_motor_torque
+from tests.system.forked import in_a_fork
 
 PERIOD_NS = nanoseconds(0.002)
 STILL_RAD_S = 0.05
@@ -281,24 +279,5 @@ def _carries(data: bytes, units: Sequence[float]) -> bool:
 
 
 def split(robot: Robot, faults: Sequence[Fault[Any]], duration_s: float) -> Seen:
-    """Let a fork of this process have the faults; the robot here stays as it is. AssertionError with the fork's
-    traceback if something unexpected was raised there."""
-    reader, writer = os.pipe()
-    child = os.fork()
-    if not child:
-        try:
-            answer: Seen | str = robot.suffer(faults, duration_s)
-        except BaseException:
-            answer = traceback.format_exc()
-        try:
-            with os.fdopen(writer, "wb") as pipe:
-                pickle.dump(answer, pipe)
-        finally:
-            os._exit(0)
-    os.close(writer)
-    with os.fdopen(reader, "rb") as pipe:
-        told = pipe.read()
-    os.waitpid(child, 0)
-    answer = pickle.loads(told)
-    assert isinstance(answer, Seen), answer
-    return answer
+    """Let a fork of this process have the faults; the robot here stays as it is."""
+    return in_a_fork(lambda: robot.suffer(faults, duration_s))
