@@ -301,6 +301,8 @@ CYCLE_RECORD: Final = RecordLayout(
         ("joint_torque_Nm", 7),
         ("wrist_xyz_m", 3),
         ("wrist_plan_xyz_m", 3),
+        ("wrist_plan_rotation", 9),
+        ("payload_fraction", 1),
         ("offset_target", 3),
         ("offset", 3),
         ("offset_rate", 3),

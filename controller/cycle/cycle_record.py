@@ -64,6 +64,8 @@ class CycleRecorder:
                 *torque_Nm.tolist(),
                 *motion.wrist_target_xyz_m.tolist(),
                 *motion.T_world_wrist_plan[:3, 3].tolist(),
+                *motion.T_world_wrist_plan[:3, :3].ravel().tolist(),
+                parts.model.payload_fraction,
                 *grasping.offset_target.pose,
                 *parts.smoother.motion.pose,
                 *parts.smoother.motion.rate,

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+import pinocchio
+
 from controller.cycle.grasp_state import ArmState, GraspPhase, HandStatus
 from controller.messages import CompensationIndex, HandFault, Reason
 from controller.pad_messages import PadState
@@ -48,6 +51,8 @@ def _state_of_cycle(record: Record) -> dict[str, Any]:
             "joint_torque_Nm": record["joint_torque_Nm"],
             "wrist_target_xyz_m": record["wrist_xyz_m"],
             "wrist_plan_xyz_m": record["wrist_plan_xyz_m"],
+            "wrist_plan_quaternion_wxyz": _quaternion_wxyz(record["wrist_plan_rotation"]),
+            "payload_fraction": record["payload_fraction"],
         },
         "hand": {
             "state": HandStatus(_integer(record, "hand_state")).name.lower(),
@@ -85,6 +90,12 @@ def _state_of_cycle(record: Record) -> dict[str, Any]:
             "cpu_us": record["cpu_us"],
         },
     }
+
+
+def _quaternion_wxyz(rotation: float | list[float]) -> list[float]:
+    """Of a rotation matrix's nine entries, row by row."""
+    turn = pinocchio.Quaternion(np.reshape(rotation, (3, 3)))
+    return [float(turn.w), float(turn.x), float(turn.y), float(turn.z)]
 
 
 def _integer(record: Record, name: str) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import msgspec
 import numpy as np
+import pinocchio
 import pytest
 
 from controller.cycle.grasp_state import ArmState, GraspPhase, HandStatus
@@ -36,6 +37,15 @@ def test_numbers_keep_their_places() -> None:
     assert state["compensation"]["offset"] == seen["offset"]
     assert state["compensation"]["offset_target"] == seen["offset_target"]
     assert state["cycle"]["number"] == 123456
+
+
+def test_the_planned_wrist_can_be_sent_back_as_it_is_told() -> None:
+    """A planner that lifts an object sends the told pose, raised: a turn by 0.6 rad about y comes out as such."""
+    filled = np.zeros(CYCLE_RECORD.length)
+    turn = pinocchio.exp3(np.array([0.0, 0.6, 0.0]))
+    filled[CYCLE_RECORD.slices["wrist_plan_rotation"]] = turn.ravel()
+    told = state_map(CYCLE_RECORD.read(filled.tobytes()))["arm"]["wrist_plan_quaternion_wxyz"]
+    assert told == pytest.approx([np.cos(0.3), 0.0, np.sin(0.3), 0.0])
 
 
 @pytest.mark.parametrize("phase", GraspPhase)
