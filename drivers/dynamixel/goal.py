@@ -49,7 +49,9 @@ class TendonGoal:
         """Lead, ticks, that asks for one count of the ceiling."""
         self._effort_per_tick = model.holding_effort_per_tick(gain)
         self._derated: tuple[float | None, bool, float, float | None] | None = None
-        """Cap, holding and factor for which the ceiling was worked out."""
+        """Cap, holding, factor and supply for which the ceiling was worked out."""
+        self._supply_V: float | None = None
+        """The newest that was told; None: not yet, the load law's is taken."""
 
     @property
     def takes_ceilings(self) -> bool:
@@ -94,7 +96,8 @@ class TendonGoal:
         """InputError for a load cap that is no tension, or above what the motor may give."""
         if cap_N == self._cap_N:
             return  # it was taken before
-        counts, limit = self._settings.ceiling_counts(cap_N, self._model), self._found.ceiling_limit
+        supply_V = self._settings.load_law.cap_supply_V(self._supply_V)
+        counts, limit = self._settings.ceiling_counts(cap_N, self._model, supply_V), self._found.ceiling_limit
         if counts > limit:
             unit = self._model.ceiling_unit
             kind = "A" if self._model.effort == "current" else "of full output"
@@ -130,7 +133,7 @@ class TendonGoal:
         """Go to this load, from the present effort."""
         self.take_cap(load_N)
         self._load_N, self._holding = load_N, False
-        self._phase = first_phase(self._settings.load_law, effort, load_N)
+        self._phase = first_phase(self._settings.load_law, effort, load_N, self._supply_V)
 
     def hold(self, ticks: int, effort: float) -> None:
         """Stay at the measured position, with the present effort."""
@@ -149,6 +152,7 @@ class TendonGoal:
 
     def derate(self, factor: float, supply_V: float | None = None) -> None:
         """Work the ceiling out for this part of the cap, at this supply."""
+        self._supply_V = supply_V
         supply_V = self._settings.load_law.cap_supply_V(supply_V)
         conditions = self._cap_N, self._holding, factor, supply_V
         if conditions == self._derated:
@@ -170,6 +174,7 @@ class TendonGoal:
             self._phase,
             load_N=load_N,
             effort=effort,
+            supply_V=self._supply_V,
             excursion_m=settings.excursion_m(ticks, model),
             rate_m_s=rate_m_s,
             goal_m=settings.excursion_m(self.ticks, model),

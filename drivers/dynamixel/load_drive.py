@@ -36,9 +36,9 @@ class LoadStep:
     phase: LoadPhase
 
 
-def first_phase(law: LoadLaw, effort: float, load_N: float) -> LoadPhase:
+def first_phase(law: LoadLaw, effort: float, load_N: float, supply_V: float | None = None) -> LoadPhase:
     """Paying out if even the least tension that this effort can mean is above the load."""
-    least_N = law.tension(effort, SpoolMotion.WINDING).tension_N
+    least_N = law.tension(effort, SpoolMotion.WINDING, supply_V=supply_V).tension_N
     return LoadPhase.PAYING_OUT if least_N > load_N else LoadPhase.WINDING
 
 
@@ -53,6 +53,7 @@ def load_step(
     goal_m: float,
     lead_m: float,
     elapsed_s: float,
+    supply_V: float | None = None,
 ) -> LoadStep:
     """The next goal: from what was measured, the present goal, and the lead at which the ceiling acts.
 
@@ -60,7 +61,7 @@ def load_step(
     """
     if phase is LoadPhase.WINDING:
         return LoadStep(excursion_m + lead_m, phase)
-    most_N = law.tension(effort, SpoolMotion.UNWINDING).tension_N
+    most_N = law.tension(effort, SpoolMotion.UNWINDING, supply_V=supply_V).tension_N
     if phase is LoadPhase.REACHED or most_N <= load_N:
         still = phase is LoadPhase.REACHED or abs(rate_m_s) < law.still_rate_m_s
         return LoadStep(goal_m, LoadPhase.REACHED if still else phase)

@@ -9,8 +9,10 @@ motion. So, for a spool of radius r that pulls its tendon in at the rate v,
 
 A current is torque, whatever the speed: b = 0. A load is a voltage: b v is the back-EMF's part of it, and as a part of
 a supply of V volts instead of the law's, the same load means V times more: effort is first scaled to the law's voltage.
-Effort is positive when it tightens. Without an own calibration K is uncertain by 20 % (load: 30 %).
-Pure functions. Source: dynamixel reference 2.4, 3.1 to 3.3.
+Heat weakens the magnets, 0.1 % of K per kelvin, and adds 0.39 %/K to the winding's resistance, which takes as much of
+a load's K. Half of what warmth takes off a calibrated K is uncertain, as the winding is not where the sensor is.
+Effort is positive when it tightens. Without an own calibration K is uncertain by 20 % (load: 30 %), heat included.
+Pure functions. Source: dynamixel reference 2.4, 3.1 to 3.4.
 """
 
 from __future__ import annotations
@@ -27,6 +29,16 @@ NOMINAL_FRICTION_PART = 0.13 / 2.3
 LAW_VOLTAGE_V = 12.0
 LOAD_SLOPE_UNCERTAINTY = 0.3
 """The stall point's torque is a momentary value, and winding resistance grows with heat: worse than by current."""
+MAGNET_LOSS_PER_K = 0.001
+"""Of the torque constant: a few percent with a hot motor."""
+RESISTANCE_PER_K = 0.0039
+"""Of copper: what a given part of full output drives less current through."""
+HEAT_UNCERTAINTY = 0.5
+"""Part of the heat's effect that is not relied on: motor and sensor are not equally warm."""
+_SCATTER_WIDTH = 2.0
+"""Standard deviations of the calibration's readings that the band takes in."""
+_TEMPERATURES_C = (-20.0, 120.0)
+"""Beyond, a reading is not believed to be one of a motor."""
 
 
 class SpoolMotion(enum.Enum):
@@ -72,6 +84,10 @@ class LoadLaw:
     voltage_V: float | None = None
     """Supply at which an effort that is a part of it has this K; None: effort is a current, the supply is nothing to
     it."""
+    temperature_C: float | None = None
+    """At which K was measured; None: not measured, the uncertainty holds for any."""
+    scatter_N: float = 0.0
+    """Standard deviation of the calibration's readings about the law."""
 
     def __post_init__(self) -> None:
         positive = (self.torque_per_effort_Nm, self.spool_radius_m, self.still_rate_m_s, self.voltage_V or 1.0)
@@ -80,13 +96,19 @@ class LoadLaw:
             self.slope_uncertainty,
             self.friction_uncertainty,
             self.back_emf_effort_s_per_m,
+            self.scatter_N,
         )
+        lowest_C, highest_C = _TEMPERATURES_C
         if not all(math.isfinite(x) and x > 0 for x in positive) or not all(
             math.isfinite(x) and x >= 0 for x in not_negative
         ):
             raise InputError(
                 f"{self} is not a load law; expected torque per effort, spool radius, still rate and voltage above 0, "
-                "friction, back-EMF and uncertainties not below 0, all finite."
+                "friction, back-EMF, scatter and uncertainties not below 0, all finite."
+            )
+        if self.temperature_C is not None and not lowest_C <= self.temperature_C <= highest_C:
+            raise InputError(
+                f"{self} is not a load law; expected a temperature of {lowest_C:g} to {highest_C:g} °C, or none."
             )
 
     @property
@@ -107,26 +129,38 @@ class LoadLaw:
         return SpoolMotion.HOLDING
 
     def tension(
-        self, effort: float, motion: SpoolMotion, *, rate_m_s: float = 0.0, supply_V: float | None = None
+        self,
+        effort: float,
+        motion: SpoolMotion,
+        *,
+        rate_m_s: float = 0.0,
+        supply_V: float | None = None,
+        temperature_C: float | None = None,
     ) -> TensionEstimate:
         """Tension for an effort (positive = tightening) of a spool in this motion.
 
-        `rate_m_s` and `supply_V` matter where effort is a load; None: at the law's voltage.
+        `rate_m_s` and `supply_V` matter where effort is a load; None: at the law's voltage. `temperature_C`: the
+        motor's own; None: as warm as when it was calibrated.
         """
         newton_per_effort = self.torque_per_effort_Nm / self.spool_radius_m
+        warmth = self._warmth(temperature_C)
         acting = effort * self._voltage_ratio(supply_V) - self.back_emf_effort_s_per_m * rate_m_s
-        tension_N = max(0.0, newton_per_effort * (acting - motion.value * self.friction_effort))
+        driving_N = newton_per_effort * warmth * acting
+        tension_N = max(0.0, driving_N - motion.value * newton_per_effort * self.friction_effort)
         turning = motion is not SpoolMotion.HOLDING
         band = self.friction_uncertainty if turning else self.friction_effort
         half_N = newton_per_effort * band + self.slope_uncertainty * tension_N
+        half_N += _SCATTER_WIDTH * self.scatter_N + HEAT_UNCERTAINTY * abs(1.0 - warmth) * abs(driving_N)
         return TensionEstimate(tension_N, max(0.0, tension_N - half_N), tension_N + half_N)
 
-    def effort_cap(self, tension_N: float, *, supply_V: float | None = None) -> float:
+    def effort_cap(
+        self, tension_N: float, *, supply_V: float | None = None, temperature_C: float | None = None
+    ) -> float:
         """Effort at which a winding spool stalls at `tension_N`: the inverse of `tension` while winding. InputError."""
         if not (math.isfinite(tension_N) and tension_N >= 0.0):
             raise InputError(f"load cap {tension_N} N is not a tension; expected a finite number not below 0.")
-        at_law_voltage = tension_N * self.spool_radius_m / self.torque_per_effort_Nm + self.friction_effort
-        return at_law_voltage / self._voltage_ratio(supply_V)
+        driving = tension_N * self.spool_radius_m / self.torque_per_effort_Nm + self.friction_effort
+        return driving / (self._warmth(temperature_C) * self._voltage_ratio(supply_V))
 
     def cap_supply_V(self, supply_V: float | None) -> float | None:
         """The supply to work a cap out for: never below the law's, as a supply that sags comes back; in steps of 0.5 V
@@ -140,6 +174,15 @@ class LoadLaw:
         if self.voltage_V is None or supply_V is None or not supply_V > 0.0:
             return 1.0
         return supply_V / self.voltage_V
+
+    def _warmth(self, temperature_C: float | None) -> float:
+        """K at this temperature, as a part of K when it was measured."""
+        if self.temperature_C is None or temperature_C is None:
+            return 1.0
+        lowest_C, highest_C = _TEMPERATURES_C
+        rise_K = max(lowest_C, min(highest_C, temperature_C)) - self.temperature_C
+        resistance = 1.0 if self.voltage_V is None else 1.0 + RESISTANCE_PER_K * rise_K
+        return (1.0 - MAGNET_LOSS_PER_K * rise_K) / resistance
 
 
 def nominal_law(

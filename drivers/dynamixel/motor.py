@@ -112,7 +112,7 @@ class TendonMotor:
             goal_ticks, ceiling = self.read("goal_position"), self.read(self.model.ceiling)
         else:
             goal_ticks = self._steady_position()
-            ceiling = min(self.settings.ceiling_counts(self.settings.start_cap_N, self.model), found.ceiling_limit)
+            ceiling = min(self._start_ceiling(), found.ceiling_limit)
             # a change of mode puts the ceiling to its limit: so after the mode, and before goal and torque
             self.write(self.model.ceiling, ceiling)
             self.write("goal_position", goal_ticks)
@@ -267,6 +267,12 @@ class TendonMotor:
             settings.append((name, registers[name].default if name in registers else 0))
         settings += [(name, 0) for name in ("profile_acceleration", "profile_velocity", "goal_acceleration")]
         return [(name, value) for name, value in settings if name in registers]
+
+    def _start_ceiling(self) -> int:
+        """Counts of the ceiling for the first cap, at the supply that the motor has now."""
+        supply_V = self.read("present_input_voltage") * self.model.voltage_unit_V
+        cap_supply_V = self.settings.load_law.cap_supply_V(supply_V)
+        return self.settings.ceiling_counts(self.settings.start_cap_N, self.model, cap_supply_V)
 
     def _write_if_different(self, name: str, value: int) -> None:
         if self.read(name) != value:

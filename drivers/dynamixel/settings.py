@@ -12,10 +12,38 @@ import math
 from dataclasses import dataclass, field
 
 from drivers.dynamixel.control_tables import MotorModel, model_by_name
+from drivers.dynamixel.effort_filter import LARGEST_TIME_CONSTANT_S
 from drivers.dynamixel.load_law import LoadLaw
 from drivers.errors import InputError
 
 Pair = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """On which motor, and how, a load law was measured. InputError for what cannot be."""
+
+    model: str
+    firmware: int
+    voltage_V: float
+    """Mean supply meanwhile."""
+    temperature_C: float
+    """Mean of the motor's own sensor meanwhile."""
+    scatter_N: float
+    """Standard deviation of the readings about the law."""
+    date: str | None = None
+    """Year-month-day."""
+
+    def __post_init__(self) -> None:
+        model_by_name(self.model)
+        for wrong, what in (
+            (not 0 <= self.firmware <= 255, f"firmware = {self.firmware}; expected 0…255"),
+            (not 5.0 <= self.voltage_V <= 30.0, f"voltage_V = {self.voltage_V}; expected 5…30"),
+            (not -20.0 <= self.temperature_C <= 120.0, f"temperature_C = {self.temperature_C}; expected -20…120"),
+            (not 0.0 <= self.scatter_N <= 100.0, f"scatter_N = {self.scatter_N}; expected 0…100"),
+        ):
+            if wrong:
+                raise InputError(f"calibration of a load law: {what}.", help="Calibrate the motor's load law again.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +59,10 @@ class MotorSettings:
     load_law: LoadLaw = field(default_factory=LoadLaw)
     model: str | None = None
     """What was calibrated; another one is refused. None = whatever answers."""
+    calibrated: Calibration | None = None
+    """Where the load law is from; None = from a data sheet or a hand."""
+    effort_filter_s: float = 0.01
+    """Time constant of the low-pass between effort and tension; 0 = none. Usual are 5…20 ms."""
     travel_m: Pair = (-0.005, 0.0495)
     """Excursions that may be commanded; the default is a little slack to three quarters of a turn."""
     position_gain: int | None = None
@@ -79,6 +111,10 @@ class MotorSettings:
             ),
             (not 0.0 <= self.derating_per_K <= 1.0, f"derating_per_K = {self.derating_per_K}; expected 0…1"),
             (not 0.0 <= self.derating_floor <= 1.0, f"derating_floor = {self.derating_floor}; expected 0…1"),
+            (
+                not 0.0 <= self.effort_filter_s <= LARGEST_TIME_CONSTANT_S,
+                f"effort_filter_s = {self.effort_filter_s}; expected 0 (off) to {LARGEST_TIME_CONSTANT_S:g}",
+            ),
             (not 0.1 <= self.stall_timeout_s <= 3600, f"stall_timeout_s = {self.stall_timeout_s}; expected 0.1…3600"),
         ):
             if wrong:

@@ -19,6 +19,7 @@ from drivers.clock import Clock, seconds
 from drivers.dynamixel.bus import MotorBus, motor_name
 from drivers.dynamixel.control_tables import MotorModel, Register
 from drivers.dynamixel.discovery import find_pair
+from drivers.dynamixel.effort_filter import EffortFilter
 from drivers.dynamixel.goal import TendonGoal
 from drivers.dynamixel.load_law import SpoolMotion
 from drivers.dynamixel.motor import Inspection, MotorIdentity, TendonMotor
@@ -49,6 +50,9 @@ class _Tendon:
     sample_ns: int
     sent_ticks: int
     sent_ceiling: int
+    effort_filter: EffortFilter
+    acting: tuple[float, float] = (0.0, 0.0)
+    """Effort, filtered, and tendon rate, m/s, filtered alike: what the tension is worked out of."""
     restarted: bool = False
     motion: SpoolMotion = SpoolMotion.HOLDING
 
@@ -107,9 +111,21 @@ class TendonPair:
         self._reader.prepare()
         now_ns = self._clock.now_ns()
         self._tendons = [
-            _Tendon(motor.settings, motor, goal, values, values["present_position"], now_ns, goal.ticks, goal.ceiling)
+            _Tendon(
+                motor.settings,
+                motor,
+                goal,
+                values,
+                ticks=values["present_position"],
+                sample_ns=now_ns,
+                sent_ticks=goal.ticks,
+                sent_ceiling=goal.ceiling,
+                effort_filter=EffortFilter(motor.settings.effort_filter_s),
+            )
             for motor, goal, values in zip(motors, goals, self._reader.values, strict=True)
         ]
+        for tendon in self._tendons:
+            _filter(tendon, found.model)
         self._sample = self._decoded(found.model)
         self.identities = [inspection.identity for inspection in inspections]
         return self.identities
@@ -207,6 +223,7 @@ class TendonPair:
             ticks, ceiling = tendon.motor.bring_up(found)
             tendon.goal = TendonGoal(tendon.settings, model, found, ticks, ceiling)
             tendon.ticks, tendon.restarted = found.position_ticks, False
+            tendon.effort_filter.reset()
             self._reader.read_anew(index)
 
     def stop(self, release: bool = False) -> None:
@@ -289,7 +306,7 @@ class TendonPair:
                     help="The motor restarted or its encoder failed.",
                 )
         tendon.ticks, tendon.sample_ns = ticks, sample_ns
-        tendon.motion = tendon.settings.load_law.motion(_rate_m_s(tendon, model), tendon.motion)
+        _filter(tendon, model)
         return None
 
     def _decoded(self, model: MotorModel) -> TendonSample:
@@ -321,23 +338,32 @@ class TendonPair:
 
 def _row(tendon: _Tendon, model: MotorModel) -> tuple[float, ...]:
     """Excursion, rate, effort, tension, its uncertainty, voltage, temperature and derating of one tendon."""
-    settings, values = tendon.settings, tendon.values
-    sign, law = settings.tightening_sign, settings.load_law
-    rate_m_s = _rate_m_s(tendon, model)
-    effort = sign * values[model.effort_register] * model.effort_unit
+    settings, values, law = tendon.settings, tendon.values, tendon.settings.load_law
     supply_V = values["present_input_voltage"] * model.voltage_unit_V
-    estimate = law.tension(effort, tendon.motion, rate_m_s=rate_m_s, supply_V=supply_V)
     temperature_C = float(values["present_temperature"])
+    effort, rate_m_s = tendon.acting
+    estimate = law.tension(effort, tendon.motion, rate_m_s=rate_m_s, supply_V=supply_V, temperature_C=temperature_C)
     return (
         settings.excursion_m(tendon.ticks, model),
-        rate_m_s,
-        effort,
+        _rate_m_s(tendon, model),
+        _effort(tendon, model),
         estimate.tension_N,
         estimate.uncertainty_N,
         supply_V,
         temperature_C,
         settings.derating(temperature_C),
     )
+
+
+def _filter(tendon: _Tendon, model: MotorModel) -> None:
+    """Take the newest values into what the tension is worked out of."""
+    effort, rate_m_s = _effort(tendon, model), _rate_m_s(tendon, model)
+    tendon.acting = tendon.effort_filter.step(tendon.sample_ns, effort, rate_m_s)
+    tendon.motion = tendon.settings.load_law.motion(tendon.acting[1], tendon.motion)
+
+
+def _effort(tendon: _Tendon, model: MotorModel) -> float:
+    return tendon.settings.tightening_sign * tendon.values[model.effort_register] * model.effort_unit
 
 
 def _rate_m_s(tendon: _Tendon, model: MotorModel) -> float:
