@@ -17,12 +17,12 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
+from calibration.load_calibration import LoadCalibration, check_model_name
 from calibration.motor_file import read_motor_file
 from calibration.tactile_file import Cells
 from calibration.toml_files import FieldError, from_document, load_document, merged
 from controller.pose import Pose
-from drivers.dynamixel.control_tables import MODELS, model_by_name
-from drivers.errors import InputError
+from drivers.dynamixel.control_tables import model_by_name
 
 DEFAULT_FILE = Path(__file__).with_name("robot.toml")
 SIMULATED_FILE = Path(__file__).with_name("simulated.toml")
@@ -123,8 +123,9 @@ class TendonMotor(_Table, frozen=True):
 
     `travel_m`: excursions that may be commanded, lower and upper. `position_gain`: the position loop's stiffness in the
     model's own register, else the model's default. The load law is `torque_constant_Nm_per_A` and `friction_current_A`
-    for a model that measures its current; for one that tells its load, `stall_torque_12V_Nm` and `friction_load` (part
-    of full output at 12 V), else its data sheet.
+    for a model that measures its current; for one that tells its load, `stall_torque_12V_Nm`, `friction_load` (part
+    of full output at 12 V) and `back_emf_load_s_per_m` (the same per m/s of tendon), else its data sheet. `calibrated`:
+    on which motor `stillgrasp calibrate motor-load` measured that; another model or firmware is refused.
     """
 
     id: Annotated[int, Meta(ge=0, le=253)]
@@ -137,6 +138,8 @@ class TendonMotor(_Table, frozen=True):
     position_gain: Annotated[int, Meta(ge=1, le=16383)] | None = None
     stall_torque_12V_Nm: Annotated[float, Meta(gt=0, le=20)] | None = None
     friction_load: Annotated[float, Meta(ge=0, le=0.5)] | None = None
+    back_emf_load_s_per_m: Annotated[float, Meta(ge=0, le=100)] | None = None
+    calibrated: LoadCalibration | None = None
 
     def __post_init__(self) -> None:
         if not self.travel_m[0] < self.travel_m[1]:
@@ -150,21 +153,24 @@ class Tendons(_Table, frozen=True):
     frozen or stalled motor, where it is lower than the commanded one. From `derating_start_C` on a motor's load cap
     loses `derating_per_K` of itself with each kelvin. Beyond `stall_timeout_s` at its load cap and at rest, a motor
     gives up its goal and holds. `watchdog_s`: bus silence after which a motor stops and holds, 0 = never; protocol 1.0
-    has none. `own_file`: what `stillgrasp calibrate motors` measured on these motors, laid over this table.
+    has none. `compliance_m_per_N` and `lag_s`: how the position loop gives way under tension and at speed, where
+    measured; else worked out from model and gain. `effort_filter_s`: time constant of the low-pass between effort and
+    tension, 0 = none. `own_file`: what `stillgrasp calibrate motors` and `motor-load` measured, laid over this table.
     """
 
     port: Text
     baud: Annotated[int, Meta(ge=9600, le=4_500_000)]
     poll_period_s: Annotated[float, Meta(ge=0.001, le=0.1)]
-    compliance_m_per_N: Annotated[float, Meta(ge=0, le=1e-3)]
-    lag_s: Annotated[float, Meta(ge=0, le=0.5)]
     derating_start_C: Annotated[float, Meta(ge=30, le=100)]
     derating_per_K: Annotated[float, Meta(ge=0, le=1)]
     stall_timeout_s: Annotated[float, Meta(ge=0.1, le=3600)]
     watchdog_s: Annotated[float, Meta(ge=0, le=2.54)]
+    effort_filter_s: Annotated[float, Meta(ge=0, le=0.1)]
     right: TendonMotor
     left: TendonMotor
     model: Text | None = None
+    compliance_m_per_N: Annotated[float, Meta(ge=0, le=1e-3)] | None = None
+    lag_s: Annotated[float, Meta(ge=0, le=0.5)] | None = None
     holding_cap_N: Annotated[float, Meta(gt=0, le=300)] | None = None
     own_file: Text | None = None
 
@@ -173,11 +179,12 @@ class Tendons(_Table, frozen=True):
             raise FieldError("left.id", f"another id than right.id = {self.right.id}")
         if 0 < self.watchdog_s < 0.02:
             raise FieldError("watchdog_s", "0 (off) or 0.02 to 2.54")
-        if self.model is not None:
-            try:
-                model_by_name(self.model)
-            except InputError as error:
-                raise FieldError("model", f"one of {', '.join(model.name for model in MODELS.values())}") from error
+        if self.model is None:
+            return
+        check_model_name("model", self.model)
+        for side, motor in (("right", self.right), ("left", self.left)):
+            if motor.calibrated is not None and model_by_name(motor.calibrated.model) is not model_by_name(self.model):
+                raise FieldError(f"{side}.calibrated.model", f"{self.model}, as tendons.model says, or no calibration")
 
 
 class Cycle(_Table, frozen=True):

@@ -23,12 +23,20 @@ from controller.messages import CompensationIndex, EventKind, HandMode, HandSetP
 @dataclass(frozen=True)
 class MotorDrive:
     """How far a tendon motor's position loop lags: its P gain is a spring that tension and gear friction wind up
-    (dynamixel reference 2.4: standing, the output is P gain × position error), its back-EMF a lag at speed."""
+    (dynamixel reference 2.4: standing, the output is P gain × position error), its back-EMF a lag at speed, and within
+    `dead_m` it does nothing. All but the last at `voltage_V`: a higher supply does more with the same error."""
 
     compliance_m_per_N: float = 0.0
     friction_N: float = 0.0
     lag_s: float = 0.0
-    reversal_time_s: float = 0.1
+    dead_m: float = 0.0
+    voltage_V: float = 12.0
+
+    def lead_m(self, tension_N: float, rate_m_s: float, friction_sign: float, supply_V: float) -> float:
+        """How far the goal must be ahead of a spool that pulls `tension_N` at `rate_m_s`; friction against its sign."""
+        load_N = tension_N + friction_sign * self.friction_N
+        lead_m = (self.compliance_m_per_N * load_N + self.lag_s * rate_m_s) * self.voltage_V / supply_V
+        return lead_m + min(max(lead_m, -self.dead_m), self.dead_m)
 
 
 @dataclass(frozen=True)
@@ -45,7 +53,8 @@ class GraspSettings:
     free_load_cap_N: float = 60.0  # while closing nothing should resist; also the cap of an open hand
     empty_load_N: float = 30.0  # an open hand whose tendons pull harder may hold something: pads take no zero
     winding: WindingLimits = field(default_factory=WindingLimits)
-    drive: MotorDrive = field(default_factory=MotorDrive)
+    drives: tuple[MotorDrive, MotorDrive] = (MotorDrive(), MotorDrive())
+    reversal_time_s: float = 0.1  # in which the lead that friction needs turns over, so that the goal does not jump
     contact: ContactSettings = field(default_factory=ContactSettings)
     index: IndexSettings = field(default_factory=IndexSettings)
 
@@ -74,6 +83,7 @@ class Grasping:
         self._opening = False
         self._gripped_at_fault = False
         self._friction_sign = 0.0
+        self._supply_V: Pair = (12.0, 12.0)
         self._last_sample_ns = -1
         self._stop_reason: Reason | None = None
         self._set_point = HandSetPoint((0.0, 0.0), (settings.free_load_cap_N,) * 2)
@@ -140,6 +150,10 @@ class Grasping:
         self._index.start(hand)
         right, left = (self._expectation(table, finger) for finger in (0, 1))
         self._fingers = (FingerContact(settings.contact, right), FingerContact(settings.contact, left))
+        self._supply_V = (
+            _supply_V(hand.voltage_V[0], settings.drives[0]),
+            _supply_V(hand.voltage_V[1], settings.drives[1]),
+        )
         start_m = 0.5 * (hand.excursion_m[0] + hand.excursion_m[1]) - table.mean_contact_m
         self._profile.place(min(start_m, 0.0))
         rate = settings.closing_rate_m_s if rate_m_s is None else rate_m_s
@@ -248,13 +262,13 @@ class Grasping:
         assert self.reading is not None
         tension = self.reading.table_tension_N
         share = 1.0 + min(w, 0.0) / table.mean_contact_m  # of the contact load, while the springs alone resist
-        drive, stretch = self._settings.drive, table.compliance_m_per_N
-        self._friction_sign = _towards(self._friction_sign, _sign(rate_m_s), self._period_s / drive.reversal_time_s)
-        ahead_m = drive.lag_s * rate_m_s + drive.compliance_m_per_N * drive.friction_N * self._friction_sign
+        settings, stretch = self._settings, table.compliance_m_per_N
+        reversal = self._period_s / settings.reversal_time_s
+        self._friction_sign = _towards(self._friction_sign, _sign(rate_m_s), reversal)
         right, left = (
-            finger_excursion_m(table, i, w, self._settings.contact_zone_m)
-            + tension[i] * (stretch[i] + drive.compliance_m_per_N) * share
-            + ahead_m
+            finger_excursion_m(table, i, w, settings.contact_zone_m)
+            + tension[i] * share * stretch[i]
+            + settings.drives[i].lead_m(tension[i] * share, rate_m_s, self._friction_sign, self._supply_V[i])
             for i in (0, 1)
         )
         mode = HandMode.FREEZE if self.phase is GraspPhase.FAULT else HandMode.TRACK
@@ -355,6 +369,11 @@ class Grasping:
             table.free_slope_N_per_m[finger],
             (far[finger] - near[finger]) / 2e-4,
         )
+
+
+def _supply_V(measured_V: float, drive: MotorDrive) -> float:
+    """The motor's supply, for the whole grasp, as its last digit flickers; of one that has not told it, its law's."""
+    return measured_V if measured_V > 0.5 * drive.voltage_V else drive.voltage_V
 
 
 def _sign(rate: float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +25,9 @@ from controller.cycle.winding import WindingLimits
 from controller.messages import CompensationIndex
 from controller.service.hand import HandSettings
 from drivers.clock import Clock
-from drivers.dynamixel.control_tables import model_by_name
+from drivers.dynamixel.control_tables import XM430_W350, model_by_name
 from drivers.dynamixel.load_law import LoadLaw, nominal_law
+from drivers.dynamixel.position_loop import position_loop
 from drivers.dynamixel.settings import MotorSettings
 from drivers.errors import ConfigurationError
 from drivers.wam.arm import Arm
@@ -111,7 +113,7 @@ def cycle_parts(config: RobotConfig, bus: CanBus, clock: Clock) -> Parts:
         GraspSettings(
             closing_rate_m_s=squeeze.closing_rate_m_s,
             load_cap_N=squeeze.load_cap_N,
-            drive=motor_drive(config),
+            drives=motor_drives(config),
             winding=WindingLimits(
                 max(squeeze.closing_rate_m_s, squeeze.squeeze_rate_m_s), squeeze.acceleration_m_s2, squeeze.jerk_m_s3
             ),
@@ -147,10 +149,21 @@ def cycle_parts(config: RobotConfig, bus: CanBus, clock: Clock) -> Parts:
     )
 
 
-def motor_drive(config: RobotConfig) -> MotorDrive:
-    """How the configured motors' position loop gives way."""
-    friction_N = _load_law(config.tendons, config.tendons.right).friction_tension_N
-    return MotorDrive(config.tendons.compliance_m_per_N, friction_N, config.tendons.lag_s)
+def motor_drives(config: RobotConfig) -> tuple[MotorDrive, MotorDrive]:
+    """How the position loops of both configured motors, right and left, give way: their model's, or as measured."""
+    tendons = config.tendons
+    return _motor_drive(tendons, tendons.right), _motor_drive(tendons, tendons.left)
+
+
+def _motor_drive(tendons: Tendons, motor: TendonMotor) -> MotorDrive:
+    settings = _motor(tendons, motor)
+    loop = position_loop(settings, settings.expected_model or XM430_W350)
+    return MotorDrive(
+        loop.compliance_m_per_N if tendons.compliance_m_per_N is None else tendons.compliance_m_per_N,
+        settings.load_law.friction_tension_N,
+        loop.lag_s if tendons.lag_s is None else tendons.lag_s,
+        loop.dead_m,
+    )
 
 
 def tendon_motors(config: RobotConfig) -> tuple[MotorSettings, MotorSettings]:
@@ -183,21 +196,36 @@ def _motor(tendons: Tendons, motor: TendonMotor) -> MotorSettings:
         derating_start_C=tendons.derating_start_C,
         derating_per_K=tendons.derating_per_K,
         stall_timeout_s=tendons.stall_timeout_s,
+        calibrated=None if motor.calibrated is None else motor.calibrated.provenance(),
+        effort_filter_s=tendons.effort_filter_s,
     )
 
 
 def _load_law(tendons: Tendons, motor: TendonMotor) -> LoadLaw:
-    """By current, or by load where the configured model tells that."""
+    """By current, or by load where the configured model tells that; narrower where it was calibrated."""
     model = None if tendons.model is None else model_by_name(tendons.model)
     if model is not None and model.effort == "load":
-        return nominal_law(
+        law = nominal_law(
             model,
             motor.spool_radius_m,
             stall_torque_Nm=motor.stall_torque_12V_Nm,
             friction_load=motor.friction_load,
         )
-    return LoadLaw(
-        torque_per_effort_Nm=motor.torque_constant_Nm_per_A,
-        friction_effort=motor.friction_current_A,
-        spool_radius_m=motor.spool_radius_m,
+        if motor.back_emf_load_s_per_m is not None:
+            law = replace(law, back_emf_effort_s_per_m=motor.back_emf_load_s_per_m)
+    else:
+        law = LoadLaw(
+            torque_per_effort_Nm=motor.torque_constant_Nm_per_A,
+            friction_effort=motor.friction_current_A,
+            spool_radius_m=motor.spool_radius_m,
+        )
+    calibrated = motor.calibrated
+    if calibrated is None:
+        return law
+    return replace(
+        law,
+        slope_uncertainty=calibrated.slope_uncertainty,
+        friction_uncertainty=calibrated.friction_uncertainty_N * law.spool_radius_m / law.torque_per_effort_Nm,
+        temperature_C=calibrated.temperature_C,
+        scatter_N=calibrated.scatter_N,
     )

@@ -15,7 +15,7 @@ import pytest
 from calibration.motor_setup import STEPS
 from controller.cli import main
 from controller.config import load_config
-from controller.service.assembly import motor_drive, tendon_motors
+from controller.service.assembly import motor_drives, tendon_motors
 from drivers.clock import MonotonicClock
 from drivers.dynamixel import discovery
 from drivers.dynamixel.control_tables import MX_28, XM430_W350, MotorModel
@@ -246,6 +246,6 @@ def test_the_configured_model_decides_the_load_law(tmp_path: Path) -> None:
     right, left = tendon_motors(load_config(robot))
     assert right.load_law == nominal_law(MX_28, 0.0105)
     assert left.load_law == nominal_law(MX_28, 0.0105, stall_torque_Nm=2.0, friction_load=0.1)
-    assert motor_drive(load_config(robot)).friction_N == pytest.approx(right.load_law.friction_tension_N)
+    assert motor_drives(load_config(robot))[0].friction_N == pytest.approx(right.load_law.friction_tension_N)
     right, _ = tendon_motors(load_config())
     assert right.load_law == LoadLaw(1.79, 0.13, 0.0105)
