@@ -124,18 +124,18 @@ class TendonMotor(_Table, frozen=True):
     `travel_m`: excursions that may be commanded, lower and upper. `position_gain`: the position loop's stiffness in the
     model's own register, else the model's default. The load law is `torque_constant_Nm_per_A` and `friction_current_A`
     for a model that measures its current; for one that tells its load, `stall_torque_12V_Nm`, `friction_load` (part
-    of full output at 12 V) and `back_emf_load_s_per_m` (the same per m/s of tendon), else its data sheet. `calibrated`:
-    on which motor `stillgrasp calibrate motor-load` measured that; another model or firmware is refused.
+    of full output at 12 V) and `back_emf_load_s_per_m` (the same per m/s of tendon); else what is published of them.
+    `calibrated`: on which motor `stillgrasp calibrate motor-load` measured that; another model or firmware is refused.
     """
 
     id: Annotated[int, Meta(ge=0, le=253)]
     tightening_sign: Literal[-1, 1]
     zero_ticks: Annotated[int, Meta(ge=-1048575, le=1048575)]
     spool_radius_m: Annotated[float, Meta(gt=0, le=0.1)]
-    torque_constant_Nm_per_A: Annotated[float, Meta(gt=0, le=20)]
-    friction_current_A: Annotated[float, Meta(ge=0, le=2)]
     travel_m: tuple[_Excursion, _Excursion] = (-0.005, 0.0495)
     position_gain: Annotated[int, Meta(ge=1, le=16383)] | None = None
+    torque_constant_Nm_per_A: Annotated[float, Meta(gt=0, le=20)] | None = None
+    friction_current_A: Annotated[float, Meta(ge=0, le=2)] | None = None
     stall_torque_12V_Nm: Annotated[float, Meta(gt=0, le=20)] | None = None
     friction_load: Annotated[float, Meta(ge=0, le=0.5)] | None = None
     back_emf_load_s_per_m: Annotated[float, Meta(ge=0, le=100)] | None = None

@@ -26,7 +26,7 @@ from controller.messages import CompensationIndex
 from controller.service.hand import HandSettings
 from drivers.clock import Clock
 from drivers.dynamixel.control_tables import XM430_W350, model_by_name
-from drivers.dynamixel.load_law import LoadLaw, nominal_law
+from drivers.dynamixel.load_law import LoadLaw, current_law, nominal_law
 from drivers.dynamixel.position_loop import position_loop
 from drivers.dynamixel.settings import MotorSettings
 from drivers.errors import ConfigurationError
@@ -203,8 +203,8 @@ def _motor(tendons: Tendons, motor: TendonMotor) -> MotorSettings:
 
 def _load_law(tendons: Tendons, motor: TendonMotor) -> LoadLaw:
     """By current, or by load where the configured model tells that; narrower where it was calibrated."""
-    model = None if tendons.model is None else model_by_name(tendons.model)
-    if model is not None and model.effort == "load":
+    model = XM430_W350 if tendons.model is None else model_by_name(tendons.model)
+    if model.effort == "load":
         law = nominal_law(
             model,
             motor.spool_radius_m,
@@ -214,10 +214,11 @@ def _load_law(tendons: Tendons, motor: TendonMotor) -> LoadLaw:
         if motor.back_emf_load_s_per_m is not None:
             law = replace(law, back_emf_effort_s_per_m=motor.back_emf_load_s_per_m)
     else:
-        law = LoadLaw(
-            torque_per_effort_Nm=motor.torque_constant_Nm_per_A,
-            friction_effort=motor.friction_current_A,
-            spool_radius_m=motor.spool_radius_m,
+        law = current_law(
+            model,
+            motor.spool_radius_m,
+            torque_constant_Nm_per_A=motor.torque_constant_Nm_per_A,
+            friction_current_A=motor.friction_current_A,
         )
     calibrated = motor.calibrated
     if calibrated is None:

@@ -21,11 +21,14 @@ import enum
 import math
 from dataclasses import dataclass
 
-from drivers.dynamixel.control_tables import MotorModel
+from drivers.dynamixel.control_tables import XM430_W210, XM430_W350, MotorModel
 from drivers.errors import InputError
 
 NOMINAL_FRICTION_PART = 0.13 / 2.3
 """Of the stall effort: known of the XM430-W350 alone, assumed of the others, of which nothing is published."""
+NOMINAL_FRICTION_CURRENT_A = 0.13
+"""Of the XM430-W350, and of the W210, whose stall current is the same."""
+_NOMINAL_TORQUE_CONSTANT_NM_PER_A = {XM430_W350.number: 1.79, XM430_W210.number: 1.30}
 LAW_VOLTAGE_V = 12.0
 LOAD_SLOPE_UNCERTAINTY = 0.3
 """The stall point's torque is a momentary value, and winding resistance grows with heat: worse than by current."""
@@ -183,6 +186,25 @@ class LoadLaw:
         rise_K = max(lowest_C, min(highest_C, temperature_C)) - self.temperature_C
         resistance = 1.0 if self.voltage_V is None else 1.0 + RESISTANCE_PER_K * rise_K
         return (1.0 - MAGNET_LOSS_PER_K * rise_K) / resistance
+
+
+def current_law(
+    model: MotorModel,
+    spool_radius_m: float,
+    *,
+    torque_constant_Nm_per_A: float | None = None,
+    friction_current_A: float | None = None,
+) -> LoadLaw:
+    """The law of a model that measures its current, from what is published; measured numbers replace that. InputError
+    for a model that tells its load."""
+    if model.effort != "current":
+        raise InputError(f"a {model.name} tells its load, not its current; its law needs its stall torque.")
+    nominal = _NOMINAL_TORQUE_CONSTANT_NM_PER_A[model.number]
+    return LoadLaw(
+        torque_per_effort_Nm=nominal if torque_constant_Nm_per_A is None else torque_constant_Nm_per_A,
+        friction_effort=NOMINAL_FRICTION_CURRENT_A if friction_current_A is None else friction_current_A,
+        spool_radius_m=spool_radius_m,
+    )
 
 
 def nominal_law(

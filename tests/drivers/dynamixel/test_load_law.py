@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.dynamixel.control_tables import MX_28, RX_28, XL430_W250, XM430_W350
-from drivers.dynamixel.load_law import LoadLaw, SpoolMotion, nominal_law
+from drivers.dynamixel.control_tables import MX_28, RX_28, XL430_W250, XM430_W210, XM430_W350
+from drivers.dynamixel.load_law import LoadLaw, SpoolMotion, current_law, nominal_law
 from drivers.errors import InputError
 
 LAW = LoadLaw()
@@ -118,6 +118,15 @@ def test_a_motor_that_measures_current_has_no_law_by_load() -> None:
     """An ampere is not a part of full output."""
     with pytest.raises(InputError, match="tells its current"):
         nominal_law(XM430_W350, 0.0105)
+
+
+def test_each_model_that_measures_current_has_its_own_constant() -> None:
+    """Reference 3.1: a W210 gears less than a W350; by the other's constant its tension would be 38 % too high."""
+    w350, w210 = current_law(XM430_W350, 0.0105), current_law(XM430_W210, 0.0105)
+    assert (w350.torque_per_effort_Nm, w210.torque_per_effort_Nm) == (1.79, 1.30)
+    assert current_law(XM430_W210, 0.0105, torque_constant_Nm_per_A=1.4).torque_per_effort_Nm == 1.4
+    with pytest.raises(InputError, match="tells its load"):
+        current_law(MX_28, 0.0105)
 
 
 @pytest.mark.parametrize("cap_N", [math.nan, math.inf, -1.0])
