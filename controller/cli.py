@@ -164,6 +164,14 @@ def run(
     ] = None,
     object_yaw: Annotated[float | None, typer.Option(help="With --simulate: its yaw in the world, rad.")] = None,
     seed: Annotated[int | None, typer.Option(help="With --simulate: seed of the arm's imperfections.")] = None,
+    arm_faults: Annotated[
+        Path | None,
+        typer.Option(help="With --simulate: script of what goes wrong with the arm; as of `simulate wam --faults`."),
+    ] = None,
+    motor_faults: Annotated[
+        Path | None,
+        typer.Option(help="With --simulate: the same of the tendon motors; as of `simulate dynamixel --faults`."),
+    ] = None,
     tables: Annotated[Path | None, typer.Option(help="Directory of motion tables; else the configured one.")] = None,
     record: Annotated[
         Path | None, typer.Option(help="File to record to (.mcap); else a new one as configured.")
@@ -180,8 +188,9 @@ def run(
 
     scene = {"object": object_, "object_xyz_m": object_xyz, "object_yaw_rad": object_yaw, "seed": seed}
     given = {name: value for name, value in scene.items() if value is not None}
-    if not simulate and (given or pendant is not None):
-        options = ", ".join([*given, *(["pendant"] if pendant else [])])
+    more = {"pendant": pendant, "arm_faults": arm_faults, "motor_faults": motor_faults}
+    options = ", ".join([*given, *(name for name, value in more.items() if value is not None)])
+    if not simulate and options:
         raise InputError(f"{options}: only a simulation has these.", help="Add --simulate, or leave them out.")
     if record is not None and no_record:
         raise InputError("--record and --no-record exclude each other.", help="Leave one out.")
@@ -190,6 +199,8 @@ def run(
             config=config,
             simulated=simulate,
             scene=given,
+            arm_faults=arm_faults,
+            motor_faults=motor_faults,
             manual_pendant=pendant is Pendant.manual,
             tables=tables,
             record=record,

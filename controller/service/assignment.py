@@ -13,6 +13,10 @@ from msgspec import Meta
 
 from controller.config import RobotConfig
 from controller.pose import Coordinate
+from drivers.simulated.arm_faults import ArmAction
+from drivers.simulated.can_fault_actions import CanAction
+from drivers.simulated.faults import FaultScript
+from drivers.simulated.serial_fault_actions import SerialAction
 
 Role = Literal["cycle", "hand", "tactile", "world"]
 
@@ -21,13 +25,15 @@ class SceneChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """What the command line says of the simulated scene; None leaves it to the scene's own default.
 
     `object` is a name or a file; `object_xyz_m` and `object_yaw_rad` place it in the world; `seed` draws the arm's
-    imperfections.
+    imperfections. `arm_faults`, `motor_faults`: what goes wrong with the devices, timed from the world's beginning.
     """
 
     object: str | None = None
     object_xyz_m: tuple[Coordinate, Coordinate, Coordinate] | None = None
     object_yaw_rad: Annotated[float, Meta(ge=-6.3, le=6.3)] | None = None
     seed: Annotated[int, Meta(ge=0, le=2**32 - 1)] | None = None
+    arm_faults: FaultScript[CanAction | ArmAction] | None = None
+    motor_faults: FaultScript[SerialAction] | None = None
 
 
 class Assignment(msgspec.Struct, frozen=True, kw_only=True):

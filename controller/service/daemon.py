@@ -62,7 +62,7 @@ _WATCHDOG_S = 0.1
 
 
 class ButtonSource(Protocol):
-    """Where the simulated pendant's buttons come from, and, as JSON objects, the arm's faults."""
+    """Where the simulated pendant's buttons come from, and, as JSON objects, the devices' faults."""
 
     open: bool
 
@@ -195,7 +195,7 @@ class Daemon:
             front.step()
             if buttons is not None and ready.pop(buttons.fileno(), 0):
                 for line in buttons.read():
-                    self._children["world"].lifeline.say(Word.FAULT if line.startswith("{") else Word.PRESS, line)
+                    self._children["world"].lifeline.say(Word.FAULT if "{" in line else Word.PRESS, line)
                 if not buttons.open:
                     poll.unregister(buttons.fileno())
             for child in self._children.values():

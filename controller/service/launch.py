@@ -26,11 +26,14 @@ from controller.service.stop_requests import StopRequests
 
 @dataclass(frozen=True)
 class Launch:
-    """What the command line says. `scene` holds `SceneChoice`'s fields; `recording` None leaves it to the config."""
+    """What the command line says. `scene` holds `SceneChoice`'s fields but the fault scripts, which are files;
+    `recording` None leaves it to the config."""
 
     config: Path | None = None
     simulated: bool = False
     scene: Mapping[str, Any] = field(default_factory=dict)
+    arm_faults: Path | None = None
+    motor_faults: Path | None = None
     manual_pendant: bool = False
     tables: Path | None = None
     record: Path | None = None
@@ -44,6 +47,7 @@ def launch(choices: Launch, *, say: Callable[[str], None], announce: Callable[[M
     scene = from_document(dict(choices.scene), SceneChoice, "command line")
     if scene.object is not None:
         load_object(scene.object)  # a wrong name is told here, not by a child
+    scene = _with_faults(scene, choices)
     with StopRequests() as stop:  # from here on there is something to put in order at the end
         directory = RunDirectory(runtime_directory()) if choices.simulated else None
         try:
@@ -79,10 +83,26 @@ def in_simulation(config: RobotConfig, directory: Path) -> RobotConfig:
     return msgspec.structs.replace(config, arm=arm, tendons=tendons, tactile=tactile)
 
 
+def _with_faults(scene: SceneChoice, choices: Launch) -> SceneChoice:
+    """The scene with the scripts of the command line's files. ConfigurationError."""
+    if choices.arm_faults is None and choices.motor_faults is None:
+        return scene
+    from controller.simulation.fault_file import read_motor_faults, read_wam_faults
+
+    return msgspec.structs.replace(
+        scene,
+        arm_faults=None if choices.arm_faults is None else read_wam_faults(choices.arm_faults),
+        motor_faults=None if choices.motor_faults is None else read_motor_faults(choices.motor_faults),
+    )
+
+
 def _buttons(say: Callable[[str], None]) -> ButtonSource:
     from controller.simulation.pendant_lines import PendantLines
 
-    say('pendant: type idle, activate, estop or release; or a fault: {"action": {"kind": "supply", "volts": 28}}')
+    say(
+        'pendant: type idle, activate, estop or release; or a fault: {"action": {"kind": "supply", "volts": 28}}, '
+        'motors {"action": {"kind": "unplug"}, "for_s": 1}'
+    )
     return PendantLines(0, say)
 
 

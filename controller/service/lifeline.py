@@ -25,7 +25,7 @@ class Word(IntEnum):
     FAILED = 5  # from a child: why it ends
     PROMPT = 6  # from the cycle: its code, and in the next line what the operator is asked for
     MOTORS = 7  # from the cycle: firmware of the arm's motor pucks
-    FAULT = 8  # to the world: something that goes wrong with the arm or its bus, as JSON
+    FAULT = 8  # to the world: something that goes wrong with the arm, or after "motors" with these, as JSON
 
 
 class Saying(NamedTuple):

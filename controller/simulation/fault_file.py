@@ -32,12 +32,13 @@ def read_motor_faults(path: Path) -> FaultScript[SerialAction]:
 
 
 def wam_fault(line: str) -> Fault[CanAction | ArmAction]:
-    """One fault as a JSON object, as somebody types it. ConfigurationError names key and what is accepted."""
-    try:
-        entry = json.loads(line)
-    except json.JSONDecodeError as error:
-        raise ConfigurationError("standard input", "(line)", str(error), "a JSON object") from error
-    return from_document(entry, Fault[CanAction | ArmAction], "standard input")
+    """One fault of the arm as a JSON object, as somebody types it. ConfigurationError: key, and what is accepted."""
+    return from_document(_typed(line), Fault[CanAction | ArmAction], "standard input")
+
+
+def motor_fault(line: str) -> Fault[SerialAction]:
+    """One fault of the tendon motors, likewise."""
+    return from_document(_typed(line), Fault[SerialAction], "standard input")
 
 
 def read_faults(path: Path, script: type[FaultScript[Any]]) -> FaultScript[Any]:
@@ -48,6 +49,13 @@ def read_faults(path: Path, script: type[FaultScript[Any]]) -> FaultScript[Any]:
             document, script, path, written_as=lambda key: re.sub(r"fault\[(\d+)\]", lambda at: lines[int(at[1])], key)
         )
     return from_document(load_document(path), script, path)
+
+
+def _typed(line: str) -> Any:
+    try:
+        return json.loads(line)
+    except json.JSONDecodeError as error:
+        raise ConfigurationError("standard input", "(line)", str(error), "a JSON object") from error
 
 
 def _json_lines(path: Path) -> tuple[dict[str, Any], list[str]]:

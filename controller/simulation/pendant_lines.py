@@ -1,6 +1,7 @@
 """The operator of a simulated pendant at a keyboard, or a program: buttons on a descriptor, a word a line.
 
-A line that begins with a brace is no button but a fault, a JSON object as `fault_file.py` takes it.
+A line that begins with a brace is no button but a fault of the arm, a JSON object as `fault_file.py` takes it; one that
+begins with "motors" and a brace, a fault of the tendon motors.
 """
 
 from __future__ import annotations
@@ -11,14 +12,14 @@ from collections.abc import Callable
 from drivers.errors import InputError
 from drivers.simulated.safety_puck import button_named
 
+MOTORS = "motors"
 _LONGEST_LINE_BYTES = 1000
 
 
 class PendantLines:
     """Reads words from `descriptor` (standard input); unknown ones are told through `say` and passed over.
 
-    The end of the input, or an input that cannot be read, ends
-    nothing but the reading: `open` turns false.
+    The end of the input, or an input that cannot be read, ends nothing but the reading: `open` turns false.
     """
 
     def __init__(self, descriptor: int, say: Callable[[str], None]) -> None:
@@ -66,4 +67,4 @@ class PendantLines:
 
 def is_fault(line: str) -> bool:
     """Whether a line is a fault rather than a button."""
-    return line.startswith("{")
+    return line.removeprefix(MOTORS).lstrip().startswith("{")

@@ -22,7 +22,8 @@ from controller.service.lifeline import Lifeline, Word
 from controller.service.realtime import RealtimeSettings, enter_realtime
 from controller.service.stop_requests import StopRequests
 from controller.simulation.device_loop import DeviceLoop, HasFileno
-from controller.simulation.fault_file import wam_fault
+from controller.simulation.fault_file import motor_fault, wam_fault
+from controller.simulation.pendant_lines import MOTORS
 from controller.simulation.scene import Devices, Scene, build_devices
 from controller.simulation.stepped_clock import SteppedClock
 from drivers.clock import nanoseconds
@@ -49,32 +50,32 @@ def run_world(assignment: Assignment, lifeline: Lifeline, stop: StopRequests) ->
     config = assignment.config
     clock = SteppedClock()
     devices = simulated_devices(config, assignment.scene, clock.now_ns())
-    hub = SeqpacketHub(config.arm.channel, [devices.wam], clock)
-    try:
-        pty = PtyServer(devices.motors, clock, config.tendons.baud)
-        link = Path(config.tendons.port)
-        try:
-            _link(link, pty.port)
-            try:
-                priority = config.cycle.priority - _BELOW_CYCLE
-                enter_realtime(RealtimeSettings(priority=priority if priority > 0 else None, freeze_garbage=True))
-                clock.resume()
-                with contextlib.ExitStack() as stack:
-                    pads = None
-                    if config.tactile is not None and devices.pads is not None:
-                        pads = TakktileServer(config.tactile.channel, devices.pads, clock)
-                        stack.callback(pads.close)
-                    _loop(devices, hub, pty, pads, clock, lifeline, stop)
-            finally:
-                link.unlink(missing_ok=True)
-        finally:
-            pty.close()
-    finally:
-        hub.close()
-        if "directory" in assignment.descriptors:  # shared with the front, which may be dead
-            with contextlib.suppress(OSError):
-                os.rmdir(os.readlink(f"/proc/self/fd/{assignment.descriptors['directory']}"))
+    script = assignment.scene.arm_faults
+    faults = None if script is None else CanFaults(script, devices.wam, clock.now_ns())
+    with contextlib.ExitStack() as stack:
+        if "directory" in assignment.descriptors:
+            stack.callback(_remove_directory, assignment.descriptors["directory"])
+        hub = SeqpacketHub(config.arm.channel, [devices.wam], clock, faults)
+        stack.callback(hub.close)
+        link = _free_link(Path(config.tendons.port))
+        pty = PtyServer(devices.motors, clock, config.tendons.baud, link)
+        stack.callback(pty.close)
+        stack.callback(link.unlink, missing_ok=True)
+        priority = config.cycle.priority - _BELOW_CYCLE
+        enter_realtime(RealtimeSettings(priority=priority if priority > 0 else None, freeze_garbage=True))
+        clock.resume()
+        pads = None
+        if config.tactile is not None and devices.pads is not None:
+            pads = TakktileServer(config.tactile.channel, devices.pads, clock)
+            stack.callback(pads.close)
+        _loop(devices, hub, pty, pads, clock, lifeline, stop)
     return 0
+
+
+def _remove_directory(descriptor: int) -> None:
+    """The run's directory is shared with the front, which may be dead."""
+    with contextlib.suppress(OSError):
+        os.rmdir(os.readlink(f"/proc/self/fd/{descriptor}"))
 
 
 def simulated_devices(
@@ -85,7 +86,11 @@ def simulated_devices(
     `arm`: what the arm is like, as `SimulatedWam` takes it; without it, awake and with its positions known.
     """
     chosen = {name: value for name, value in msgspec.structs.asdict(choice).items() if value is not None}
-    devices = build_devices(config, configured_hand(config), Scene(**chosen, **scene), start_ns=start_ns)
+    chosen.pop("arm_faults", None)
+    motor_faults = chosen.pop("motor_faults", None)
+    devices = build_devices(
+        config, configured_hand(config), Scene(**chosen, **scene), start_ns=start_ns, motor_faults=motor_faults
+    )
     options = {"zeroed": True, "safety": PATIENT, "start_ns": start_ns, **(arm or {})}
     wam = SimulatedWam(devices.world, load_wam_parameters(), **options)
     return replace(devices, wam=wam)
@@ -118,31 +123,35 @@ def _loop(
                 if saying.word is Word.PRESS:
                     hub.transmit(devices.wam.press(saying.text, clock.now_ns()), devices.wam)
                 elif saying.word is Word.FAULT:
-                    _begin_fault(saying.text, devices.wam, hub, clock.now_ns(), say)
+                    _begin_fault(saying.text, devices, hub, clock.now_ns(), say)
             if lifeline.closed or stop.received is not None:
                 ending_ns = clock.now_ns() + nanoseconds(LONGEST_END_S)
         elif len(hub.filenos()) <= 1 or clock.now_ns() > ending_ns:  # the listener alone
             return
 
 
-def _begin_fault(line: str, wam: SimulatedWam, hub: SeqpacketHub, now_ns: int, say: Callable[[str], None]) -> None:
+def _begin_fault(line: str, devices: Devices, hub: SeqpacketHub, now_ns: int, say: Callable[[str], None]) -> None:
     """Let something go wrong, from the first time on with what that costs; a wrong line is told and passed over."""
     try:
-        fault = wam_fault(line)
+        if line.startswith(MOTORS):
+            devices.motors.faults.add(motor_fault(line.removeprefix(MOTORS)), now_ns)
+            return
         faults = hub.faults
         if faults is None:
-            hub.faults = faults = CanFaults(FaultScript(), wam, now_ns)
-        faults.add(fault, now_ns)
+            hub.faults = faults = CanFaults(FaultScript(), devices.wam, now_ns)
+        faults.add(wam_fault(line), now_ns)
     except InputError as error:
         say(str(error))
 
 
-def _link(path: Path, port: str) -> None:
-    """Make `path` a link to the pty; one that a dead simulation left is replaced."""
+def _free_link(path: Path) -> Path:
+    """`path`, where a link to the pty can be made; one that a dead simulation left is taken away."""
     try:
         if path.is_symlink() and os.readlink(path).startswith("/dev/pts/"):
             path.unlink()
-        path.symlink_to(port)
+        path.symlink_to("/dev/null")
+        path.unlink()
+        return path
     except OSError as error:
         raise InputError(
             f"tendons.port: no link to the simulated motors can be made at {path}: {error.strerror}.",

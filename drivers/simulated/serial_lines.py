@@ -173,7 +173,8 @@ class PtyServer:
 
     The owner calls `step` when `filenos()` are readable and at `next_due_ns()`. `baud` is what the terminal is set to
     before a client sets it; what counts is the client's. An unplugged adapter ends the terminal; back in, it is another
-    one. `link`, if there is one, is a symbolic link to the present one; it is the owner's to remove.
+    one. `link`, if there is one, is a symbolic link to the present one, missing while it is unplugged; it is the
+    owner's to remove.
     """
 
     READS_PER_STEP = 16
@@ -247,6 +248,8 @@ class PtyServer:
         if self._adapter.times_unplugged != self._opened_as:
             self.close()
             self._wire.arriving.clear()
+            if self.link is not None:  # the terminal's number is free for others now
+                self.link.unlink(missing_ok=True)
             if not self._adapter.unplugged:
                 self._open()
 

@@ -73,6 +73,9 @@ def test_help_lists_all_and_loads_nothing_heavy() -> None:
     [
         (["run", "--seed", "3"], 2, "--simulate"),
         (["run", "--pendant", "manual"], 2, "--simulate"),
+        (["run", "--motor-faults", "x.toml"], 2, "motor_faults: only a simulation has these"),
+        (["run", "--simulate", "--motor-faults", "none.toml"], 2, "none.toml: (file) = 'No such file"),
+        (["run", "--simulate", "--arm-faults", "none.toml"], 2, "none.toml: (file) = 'No such file"),
         (["run", "--simulate", "--record", "x.mcap", "--no-record"], 2, "--no-record"),
         (["run", "--simulate", "--object", "teapot"], 2, "cylinder40"),
         (["run", "--simulate", "--object-xyz", "nan", "0", "0"], 2, "object_xyz_m[0]"),

@@ -37,7 +37,7 @@ def directory() -> Iterator[Path]:
         (["--faults", "{file}"], "fault[0].action.kind = 'brake' is not accepted; expected one of"),
         (["--faults", "{other}"], "motor 9 is not on the bus; expected one of 1, 2"),
         (["--faults", "/does/not/exist"], "No such file"),
-        (["--supply", "99"], "supply 99.0 V, noise 1.0 counts; expected 0 to 30 V"),
+        (["--supply", "99"], "supply 99.0 V; expected 0 to 30 V"),
     ],
 )
 def test_bad_input_is_one_clear_line(

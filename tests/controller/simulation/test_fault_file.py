@@ -7,11 +7,12 @@ from typing import Any
 
 import pytest
 
-from controller.simulation.fault_file import read_wam_faults, wam_fault
+from controller.simulation.fault_file import motor_fault, read_wam_faults, wam_fault
 from drivers.errors import ConfigurationError
 from drivers.simulated.arm_faults import Press, Silence
 from drivers.simulated.can_fault_actions import Drop, Flood, Unplug
 from drivers.simulated.faults import Fault, FaultScript
+from drivers.simulated.serial_fault_actions import Supply
 
 Script = FaultScript[Any]
 TOML = """
@@ -103,3 +104,12 @@ def test_missing_files_and_typed_mistakes_are_named(tmp_path: Path) -> None:
         wam_fault("{")
     with pytest.raises(ConfigurationError, match=r"standard input: action.kind = 'x'"):
         wam_fault('{"action": {"kind": "x"}}')
+    with pytest.raises(ConfigurationError, match=r"standard input: action.volts"):
+        motor_fault('{"action": {"kind": "supply", "volts": 99}}')
+
+
+def test_a_typed_fault_of_the_motors_is_the_script_s() -> None:
+    """The same words as in a file."""
+    assert motor_fault('{"action": {"kind": "supply", "volts": 9}, "for_s": 1}') == Fault(
+        action=Supply(volts=9), for_s=1
+    )
