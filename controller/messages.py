@@ -44,6 +44,7 @@ class HandFault(IntFlag):
     VOLTAGE = 128
     RESTARTED = 256  # a motor was without supply for a moment: it lost its settings, and its torque
     OTHER_MODE = 512  # a motor was found holding in a mode that winds no tendon, and is left so
+    ONE_SILENT = 1024  # one motor answers and the other does not: it may be without supply
 
 
 @dataclass(frozen=True)
@@ -172,6 +173,7 @@ class EventKind(IntEnum):
     FAILED = 5
     FAULT = 6
     STOPPED = 7
+    WARNING = 8  # something is wrong that nothing suffers from yet
 
 
 class Reason(IntEnum):
@@ -228,6 +230,7 @@ class Reason(IntEnum):
     HAND_VOLTAGE = 103
     HAND_RESTARTED = 104
     HAND_OTHER_MODE = 105
+    HAND_MOTOR_SILENT = 106
 
 
 EVENT_VALUES: Final = 8

@@ -148,6 +148,11 @@ EXPLANATIONS: Final[dict[Reason, Explanation]] = {
         "A tendon motor was found holding in a mode that winds no tendon; it is left holding and takes no set-points.",
         "`hand.open`, or secure the object; then switch the motors off and restart the daemon.",
     ),
+    Reason.HAND_MOTOR_SILENT: Explanation(
+        "hand_motor_silent",
+        "One tendon motor does not answer. Without supply it has let go: the object may have been dropped.",
+        "Secure the object; check that motor's plug and cable.",
+    ),
     Reason.ARM_NOT_READY: Explanation(
         "arm_not_ready",
         "The arm could not be started again; the operator was told why.",

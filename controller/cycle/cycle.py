@@ -22,6 +22,7 @@ from controller.cycle.compensation import STILL, OffsetSmoother
 from controller.cycle.cycle_record import CycleRecorder
 from controller.cycle.grasp_state import ArmState
 from controller.cycle.grasping import Grasping, Outcome
+from controller.cycle.hand_supervision import HandSupervision
 from controller.cycle.joint_control import JointControl
 from controller.cycle.lifted_load import LiftedLoad
 from controller.cycle.orders import Orders
@@ -118,6 +119,7 @@ class Cycle:
         self._torque = np.zeros(7)
         self._governor = 1.0
         self._commands = CommandQueue(links.commands, parts.grasping)
+        self._hand_supervision = HandSupervision(parts.safety, parts.grasping, parts.orders)
         self._load = LiftedLoad(parts.model, parts.motion, parts.grasping, parts.settings.period_s)
         self._record = CycleRecorder(self, parts, links.records)
         self.cpu_us = 0.0
@@ -172,6 +174,7 @@ class Cycle:
             payload, self._hand_sample_ns = newest
             self._hand = HandState.unpack(payload)
         self._parts.orders.hand = self._hand
+        self._hand_supervision.look(self._hand, (now_ns - self._hand_sample_ns) * 1e-9)
         while (command := self._next_command()) is not None:
             reason = self._take(command)
             accepted = reason is Reason.NONE
@@ -181,9 +184,9 @@ class Cycle:
             self._parts.orders.take(CycleCommand(CommandKind.SHUTDOWN, 0))
 
     def _take(self, command: CycleCommand) -> Reason:
-        """Carry out a command; before a fault is cleared the arm has to be sound, or is started again."""
+        """Carry out a command; before a fault is cleared the hand has to be sound, and the arm, or is started again."""
         if command.kind is CommandKind.FAULT_CLEAR and self._parts.orders.fault is not Reason.NONE:
-            reason = self._recover()
+            reason = self._recover() or self._hand_supervision.clear()
             if reason is not Reason.NONE:
                 return reason
         return self._parts.orders.take(command)
@@ -263,8 +266,6 @@ class Cycle:
             self._check(parts.safety.residual(parts.control.feedback_Nm))
             if parts.orders.fault and parts.safety.escapes(sample.joint_rad, parts.motion.joint_rad):
                 supervision.give_up()
-        if parts.grasping.compensated and self._hand is not None:
-            self._check(parts.safety.hand((now_ns - self._hand_sample_ns) * 1e-9, self._hand.fault))
 
     def _act(self) -> None:
         """Torques: the model's for the commanded motion plus feedback; gravity alone while the arm is not active, or

@@ -12,6 +12,7 @@ from controller.cycle.arm_motion import ArmMotion
 from controller.cycle.arm_supervision import tells_more
 from controller.cycle.grasp_state import ArmState, GraspEvent, GraspPhase
 from controller.cycle.grasping import Grasping, Outcome
+from controller.cycle.safety import HAND_REASONS
 from controller.messages import CommandKind, CompensationIndex, CycleCommand, EventKind, HandState, Reason
 from controller.pose import Pose
 
@@ -33,6 +34,8 @@ class Orders:
         self.fault = Reason.NONE
         self.arm_state = ArmState.OFFLINE
         self.hand: HandState | None = None
+        self.hand_fault = Reason.NONE
+        """What is wrong with the tendon motors now."""
         self._carry_out = {
             CommandKind.STOP: self._stop,
             CommandKind.FAULT_CLEAR: self._clear_fault,
@@ -74,6 +77,17 @@ class Orders:
         """A fault: the arm stops along its path, the hand keeps the object. Told if it tells more than what stands."""
         if not tells_more(reason, self.fault):
             return
+        self._fail(reason, values)
+
+    def fail_hand(self, reason: Reason) -> None:
+        """A fault of the hand that was not told yet: the same. A fault of the arm keeps its name beside it, as it needs
+        more to recover from."""
+        if self.fault in HAND_REASONS:
+            self._fail(reason, ())
+        else:
+            self._grasping.outcomes.append(Outcome(EventKind.FAULT, 0, reason))
+
+    def _fail(self, reason: Reason, values: tuple[float, ...]) -> None:
         first = self.fault is Reason.NONE
         self.fault = reason
         self._grasping.outcomes.append(Outcome(EventKind.FAULT, 0, reason, values))
@@ -149,6 +163,8 @@ class Orders:
             return reason
         if self.hand is None:
             return Reason.HAND_SILENT
+        if self.hand_fault is not Reason.NONE:
+            return self.hand_fault
         rate_m_s = command.values[0] if command.values else None
         return self._grasping.close(command.token, self.hand, rate_m_s)
 

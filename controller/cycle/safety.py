@@ -22,14 +22,17 @@ _HAND_FAULTS = (
     (HandFault.TORQUE_LOST | HandFault.OVERLOADED, Reason.HAND_OVERLOADED),
     (HandFault.RESTARTED, Reason.HAND_RESTARTED),
     (HandFault.TORQUE_LOST, Reason.HAND_TORQUE_LOST),
-    (HandFault.VOLTAGE, Reason.HAND_VOLTAGE),
-    (HandFault.HARDWARE, Reason.HAND_HARDWARE),
+    (HandFault.ONE_SILENT, Reason.HAND_MOTOR_SILENT),
     (HandFault.BUS_LOST, Reason.HAND_BUS_LOST),
     (HandFault.OTHER_MODE, Reason.HAND_OTHER_MODE),
     (HandFault.REFUSED, Reason.HAND_REFUSED),
-    (HandFault.NONE, Reason.HAND_SILENT),
+    (HandFault.NO_REPLY, Reason.HAND_SILENT),
+    (HandFault.VOLTAGE, Reason.HAND_VOLTAGE),
+    (HandFault.HARDWARE, Reason.HAND_HARDWARE),
 )
-"""What the hand process says is wrong, the worst first; the last one fits everything."""
+"""What the hand process says is wrong, the worst first."""
+HAND_REASONS = (Reason.NONE, *(reason for _, reason in reversed(_HAND_FAULTS)))
+"""What can be wrong with the hand, from nothing to the worst."""
 
 
 @dataclass(frozen=True)
@@ -97,9 +100,10 @@ class SafetyMonitor:
 
     def hand(self, age_s: float | None, fault: HandFault) -> Reason:
         """Age of the newest hand sample and what the hand process says is wrong."""
-        if fault is not HandFault.NONE:
-            return next(reason for bits, reason in _HAND_FAULTS if fault & bits == bits)
-        return Reason.HAND_SILENT if age_s is None or age_s > self._limits.hand_age_s else Reason.NONE
+        if age_s is None or age_s > self._limits.hand_age_s:
+            fault |= HandFault.NO_REPLY
+        named = (reason for bits, reason in _HAND_FAULTS if fault & bits == bits)
+        return next(named, Reason.NONE if fault is HandFault.NONE else Reason.HAND_HARDWARE)
 
     def offset(self, target: PlanarMotion, offset: PlanarMotion) -> Reason:
         """Size of the hand offset and how far it lags behind its target."""

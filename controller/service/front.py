@@ -217,7 +217,7 @@ class Front:
     def _on_event(self, event: CycleEvent, now_ns: int) -> None:
         if event.kind is EventKind.STOPPED:
             self.stopped, self.stop_reason = True, event.reason
-        if event.kind in (EventKind.FAULT, EventKind.STOPPED):
+        if event.kind in (EventKind.FAULT, EventKind.WARNING, EventKind.STOPPED):
             explanation = EXPLANATIONS[event.reason]
             told: dict[str, Any] = {"code": explanation.code, "message": explanation.message, "help": explanation.help}
             if event.kind is EventKind.STOPPED and event.reason is Reason.NONE:

@@ -128,8 +128,9 @@ class HandPart:
 
     def _judge(self, sample: TendonSample) -> HandFault:
         fault = HandFault.NONE
-        if max(sample.missed) >= self._settings.missed_for_fault:
-            fault |= HandFault.NO_REPLY
+        silent = [missed >= self._settings.missed_for_fault for missed in sample.missed]
+        if any(silent):
+            fault |= HandFault.NO_REPLY if all(silent) else HandFault.NO_REPLY | HandFault.ONE_SILENT
         if bits := sample.hardware_error[0] | sample.hardware_error[1]:
             fault |= HandFault.HARDWARE
             for bit, named in _HARDWARE_FAULTS.items():

@@ -128,6 +128,10 @@ def no_hand(robot: Robot) -> None:
     robot.orders.hand = None
 
 
+def let_go(robot: Robot) -> None:
+    robot.orders.hand_fault = Reason.HAND_TORQUE_LOST
+
+
 def nothing(robot: Robot) -> None:
     pass
 
@@ -145,6 +149,7 @@ REFUSED: list[tuple[GraspPhase, Callable[[Robot], None], CommandKind, Reason]] =
     (P.NONE, moving, K.PREPOSITION, Reason.BUSY),
     (P.NONE, nothing, K.CLOSE, Reason.WRONG_PHASE),
     (P.PREPOSITIONED, no_hand, K.CLOSE, Reason.HAND_SILENT),
+    (P.PREPOSITIONED, let_go, K.CLOSE, Reason.HAND_TORQUE_LOST),
     (P.PREPOSITIONED, idle, K.CLOSE, Reason.ARM_NOT_ACTIVE),
     (P.HOLDING, nothing, K.CLOSE, Reason.WRONG_PHASE),
     (P.PREPOSITIONED, nothing, K.SQUEEZE, Reason.NO_TABLE),
@@ -240,6 +245,18 @@ def test_carrying_ends_in_holding(stopped: bool) -> None:
     expected = (EventKind.FAILED, 3, Reason.STOPPED_BY_COMMAND) if stopped else (EventKind.COMPLETED, 3, Reason.NONE)
     assert robot.told() == [expected]
     assert robot.phase() is GraspPhase.HOLDING
+
+
+def test_a_hand_that_lets_go_is_told_behind_a_fault_of_the_arm() -> None:
+    """The object may have been dropped: that is told, while the arm's fault, which needs more, keeps its name."""
+    robot = Robot(GraspPhase.HOLDING)
+    robot.orders.fail(Reason.ARM_ESTOP)
+    robot.orders.fail_hand(Reason.HAND_TORQUE_LOST)
+    assert robot.told() == [
+        (EventKind.FAULT, 0, Reason.ARM_ESTOP),
+        (EventKind.FAULT, 0, Reason.HAND_TORQUE_LOST),
+    ]
+    assert robot.fault() is Reason.ARM_ESTOP
 
 
 def test_a_fault_is_told_once_and_ends_all_that_is_under_way() -> None:

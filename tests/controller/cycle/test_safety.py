@@ -73,6 +73,8 @@ def test_a_collision_is_a_residual_that_lasts(monitor: SafetyMonitor, joint: int
         (0.0, HandFault.TORQUE_LOST | HandFault.RESTARTED, Reason.HAND_RESTARTED),
         (0.0, HandFault.HARDWARE | HandFault.TORQUE_LOST | HandFault.OVERLOADED, Reason.HAND_OVERLOADED),
         (0.0, HandFault.HARDWARE | HandFault.TORQUE_LOST | HandFault.OVERHEATED, Reason.HAND_OVERHEATED),
+        (0.0, HandFault.NO_REPLY | HandFault.ONE_SILENT, Reason.HAND_MOTOR_SILENT),
+        (0.0, HandFault.NO_REPLY | HandFault.HARDWARE | HandFault.VOLTAGE, Reason.HAND_SILENT),
         (0.0, HandFault.REFUSED, Reason.HAND_REFUSED),
         (0.0, HandFault.HARDWARE, Reason.HAND_HARDWARE),
         (0.0, HandFault.HARDWARE | HandFault.TORQUE_LOST, Reason.HAND_TORQUE_LOST),

@@ -1,0 +1,62 @@
+"""The hand's faults in the cycle: what is wrong with the tendon motors now, and what of it has not been told yet.
+
+While something is, or may be, in the hand each worse one is a fault, also behind a fault of the arm: that the object
+may have been dropped is not to be hidden by what came before. An empty hand stops nothing, so there they are warnings,
+and closing is refused. A hardware error under which the motors go on pulling may be cleared with its cause still
+standing (it stays until they are rebooted, and that lets go); from then on only worse ones are told.
+"""
+
+from __future__ import annotations
+
+from controller.cycle.grasping import Grasping, Outcome
+from controller.cycle.orders import Orders
+from controller.cycle.safety import HAND_REASONS, SafetyMonitor
+from controller.messages import EventKind, HandState, Reason
+
+WELL_CYCLES = 500
+"""Without anything wrong, after which a warning may come again: the same loose plug is not told a hundred times."""
+_BEARABLE = (Reason.HAND_HARDWARE, Reason.HAND_VOLTAGE)
+
+
+class HandSupervision:
+    """Watches the hand of one cycle."""
+
+    def __init__(self, safety: SafetyMonitor, grasping: Grasping, orders: Orders) -> None:
+        self._safety = safety
+        self._grasping = grasping
+        self._orders = orders
+        self._told = self._known = Reason.NONE
+        self._well_cycles = 0
+
+    def look(self, hand: HandState | None, age_s: float) -> None:
+        """Judge the newest sample (None: there was none yet, and nothing to tell), which is so old."""
+        orders, grasping = self._orders, self._grasping
+        if hand is None:
+            return
+        reason = orders.hand_fault = self._safety.hand(age_s, hand.fault)
+        if orders.fault is Reason.NONE and grasping.compensated:
+            self._told = self._known
+        self._well_cycles = 0 if reason is not Reason.NONE else self._well_cycles + 1
+        if self._well_cycles >= WELL_CYCLES:
+            self._told = self._known = Reason.NONE
+        if _rank(reason) <= _rank(self._told):
+            return
+        self._told = reason
+        if grasping.compensated:
+            orders.fail_hand(reason)
+        else:
+            grasping.outcomes.append(Outcome(EventKind.WARNING, 0, reason))
+
+    def clear(self) -> Reason:
+        """What forbids to clear a fault while something is in the hand: NONE, if nothing does."""
+        reason = self._orders.hand_fault
+        if not self._grasping.compensated:
+            return Reason.NONE
+        if reason is not Reason.NONE and reason not in _BEARABLE:
+            return reason
+        self._known = reason
+        return Reason.NONE
+
+
+def _rank(reason: Reason) -> int:
+    return HAND_REASONS.index(reason)
