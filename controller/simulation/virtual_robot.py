@@ -29,8 +29,9 @@ from controller.simulation.virtual_time import Part, VirtualTime
 from controller.simulation.world import World
 from drivers.clock import VirtualClock, nanoseconds
 from drivers.dynamixel.port import WaitingPort
+from drivers.dynamixel.reopening_line import ReopeningLine
 from drivers.dynamixel.tendons import TendonPair
-from drivers.errors import DeviceError, InputError, NoReplyError
+from drivers.errors import InputError, NoReplyError
 from drivers.simulated.can_faults import CanFaults
 from drivers.simulated.can_hub import MemoryCanBus, MemoryCanHub
 from drivers.simulated.faults import Fault, FaultScript
@@ -38,7 +39,6 @@ from drivers.simulated.serial_fault_actions import SerialAction
 from drivers.simulated.serial_lines import MemoryLine
 from drivers.simulated.takktile import SimulatedTakktile
 from drivers.simulated.takktile_lines import MemoryTransport
-from drivers.takktile.bridge import Bridge
 from drivers.takktile.touch import TouchSettings
 from drivers.wam.safety_puck import Guard
 
@@ -97,16 +97,12 @@ class VirtualRobot:
             ),
             parts,
         )
-        line = MemoryLine(self.devices.motors, clocks["hand"], config.tendons.baud)
-        self.hand = HandPart(
-            clocks["hand"],
-            TendonPair(
-                WaitingPort(line, clocks["hand"], baud=config.tendons.baud), clocks["hand"], tendon_motors(config)
-            ),
-            LatestReader(set_points),
-            LatestSender(states),
-            hand_settings(config),
+        self._make_hand: Callable[[], HandPart] = lambda: self._hand_part(
+            config, LatestReader(set_points), LatestSender(states)
         )
+        self.hand = self._make_hand()
+        self._hand_begins = True
+        self._hand_stands_until_ns = 0
         self._tactile = None
         pads: LatestReader | None = None
         if config.tactile is not None and self.devices.pads is not None:
@@ -131,7 +127,7 @@ class VirtualRobot:
         self.time.add(Part("world", clocks["world"], self._step_world))
         self.time.add(Part("hub", clocks["hub"], self._step_hub))
         self.time.add(Part("cycle", clocks["cycle"], self._starting(self.cycle.start, self._step_cycle)))
-        self.time.add(Part("hand", clocks["hand"], self._starting(self.hand.start, self._step_hand)))
+        self.time.add(Part("hand", clocks["hand"], self._step_hand))
         self.time.add(Part("front", clocks["front"], self._step_front))
         if self._tactile is not None:
             self.time.add(
@@ -139,6 +135,18 @@ class VirtualRobot:
                     "tactile", clocks["tactile"], self._starting(self._tactile.start, self._tactile_step(self._tactile))
                 )
             )
+
+    def _hand_part(self, config: RobotConfig, set_points: LatestReader, states: LatestSender) -> HandPart:
+        """The hand as its process has it: with a line that is opened again when it comes back."""
+        clock, baud, motors = self._clocks["hand"], config.tendons.baud, self.devices.motors
+
+        def open_line() -> MemoryLine:
+            return MemoryLine(motors, clock, baud)
+
+        port = WaitingPort(ReopeningLine(open_line(), open_line, clock), clock, baud=baud)
+        return HandPart(
+            clock, TendonPair(port, clock, tendon_motors(config)), set_points, states, hand_settings(config)
+        )
 
     def _tactile_part(
         self, tactile: Tactile, device: SimulatedTakktile, grasping: Grasping, front: LatestSender
@@ -149,28 +157,29 @@ class VirtualRobot:
         grasping.pads = PadWatch(LatestReader(states), LatestSender(orders))
         return TactilePart(
             clock,
-            Bridge(MemoryTransport(device, clock), clock),
+            lambda: MemoryTransport(device, clock),
             configured_pads(tactile),
             LatestReader(orders),
-            (LatestSender(states), front),
+            LatestSender(states),
+            front,
             period_s=tactile.period_s,
             touch=TouchSettings(tactile.touch_N, tactile.release_N),
         )
 
     def _tactile_step(self, part: TactilePart) -> Callable[[], int | None]:
-        """A frame when it is ready: its forces are those of that moment."""
+        """A frame when it is ready: its forces are those of that moment. Without a bridge, when it is looked for."""
         device, clock = self.devices.pads, self._clocks["tactile"]
         assert device is not None
 
+        def next_ns() -> int:
+            ready_ns = device.next_frame_ns() if part.present else part.retry_ns
+            return clock.now_ns() if ready_ns is None else ready_ns
+
         def step() -> int | None:
-            ready_ns = device.next_frame_ns()
-            if ready_ns is not None and ready_ns > clock.now_ns():
-                return ready_ns
-            try:
-                part.step()
-            except DeviceError:
-                return None  # as its process ends
-            return device.next_frame_ns()
+            if next_ns() > clock.now_ns():
+                return next_ns()
+            part.step()
+            return next_ns()
 
         return step
 
@@ -193,9 +202,19 @@ class VirtualRobot:
         """Let something go wrong with the tendon motors or their bus, timed from now. InputError if it does not fit."""
         self.devices.motors.faults.add(fault, self.time.now_ns)
 
+    def stall_hand(self, duration_s: float) -> None:
+        """The hand process does nothing for so long."""
+        self._hand_stands_until_ns = self.time.now_ns + nanoseconds(duration_s)
+
+    def restart_hand(self) -> None:
+        """The hand process is gone without a word, and another begins in its place."""
+        self.hand = self._make_hand()
+        self._hand_begins = True
+
     def run_for(self, duration_s: float) -> None:
-        """Let virtual time pass."""
+        """Let virtual time pass, for the client too."""
         self.time.run_until(self.time.now_ns + nanoseconds(duration_s))
+        self._clocks["client"].advance_to_ns(self.time.now_ns)
 
     def activate(self) -> None:
         """Let the arm start up, then press Shift+Activate, as an operator would."""
@@ -233,6 +252,12 @@ class VirtualRobot:
         return None if self.cycle.finished else self.cycle.pacer.deadline_ns
 
     def _step_hand(self) -> int:
+        if self._clocks["hand"].now_ns() < self._hand_stands_until_ns:
+            return self._hand_stands_until_ns
+        if self._hand_begins:
+            self._hand_begins = False
+            self.hand.start()
+            return 0
         self.hand.step()
         return self.hand.pacer.deadline_ns
 
