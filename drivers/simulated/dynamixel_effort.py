@@ -54,6 +54,11 @@ class EffortSense:
         self._errors = errors
         self._random = random.Random(seed)
         self._offset = errors.offset
+        self._told = 0
+        self.stuck = False
+        """It goes on telling what it told."""
+        self.extra_counts = 0
+        """It tells so much more."""
 
     @property
     def current_error_A(self) -> float:
@@ -66,10 +71,13 @@ class EffortSense:
 
     def counts(self, current_A: float, output: float, powered: bool) -> int:
         """The effort register's value; `output` in counts of full output."""
+        if self.stuck:
+            return self._told
         model, errors = self._model, self._errors
         effort = current_A if model.effort == "current" else output / model.full_pwm
         counts = (effort + self._offset if powered else effort) / model.effort_unit
         if errors.noise_counts and powered:
             counts += self._random.gauss(0.0, errors.noise_counts)
         lowest, highest = self._range
-        return max(lowest, min(highest, round(counts)))
+        self._told = max(lowest, min(highest, round(counts) + self.extra_counts))
+        return self._told

@@ -14,6 +14,7 @@ from drivers.errors import InputError
 from drivers.simulated.dynamixel_drive import Drive, InnerLoop, Order
 from drivers.simulated.dynamixel_effort import NO_ERRORS, EffortErrors, EffortSense
 from drivers.simulated.dynamixel_electrics import electrics_of
+from drivers.simulated.dynamixel_encoder import Encoder
 from drivers.simulated.dynamixel_orders import (
     POSITION_MODE,
     REVERSE,
@@ -78,10 +79,10 @@ class SimulatedMotor:
         self._velocity_range = _range(model, "present_velocity")
         self._loop = InnerLoop(self.electrics, float(model.full_pwm))
         self._loop_C = self.stress.temperature_C
-        self._sense = EffortSense(model, effort, f"{seed}/{motor_id}")
+        self.encoder = Encoder(model.tick_rad, f"{seed}/{motor_id}")
+        self.effort = EffortSense(model, effort, f"{seed}/{motor_id}")
         self._angle_rad = 0.0
         self._turn_offset_ticks = 0
-        self._encoder_jump_ticks = 0
         self._held_ticks: int | None = None
         self._timed: tuple[float, float] | None = None
         self._alarms = 0
@@ -228,10 +229,6 @@ class SimulatedMotor:
         self._values["present_input_voltage"] = round(self.supply_V / self.model.voltage_unit_V)
         self._values["goal_position"] = self._clipped_goal()
 
-    def jump(self, ticks: int) -> None:
-        """The encoder is off by this much from now on."""
-        self._encoder_jump_ticks += ticks
-
     def control(self, now_ns: int, angle_rad: float, velocity_rad_s: float) -> float:
         """Measure, close the inner loop; torque on the gear's output, N·m."""
         period_s = 0.0 if self._last_ns is None else min(_LONGEST_STEP_S, (now_ns - self._last_ns) * 1e-9)
@@ -253,10 +250,10 @@ class SimulatedMotor:
                 shaft_rad_s,
                 self.supply_V,
                 period_s,
-                self._sense.current_error_A,
+                self.effort.current_error_A,
             )
             self.current_A, output, demand = outcome.current_A, outcome.output, outcome.demand
-        self._sense.pass_time(period_s)
+        self.effort.pass_time(period_s)
         self._tell_effort(output)
         self.stress.step(period_s, self.current_A, demand, shaft_rad_s)
         self._unchecked_s += period_s
@@ -267,7 +264,7 @@ class SimulatedMotor:
 
     def _tell_effort(self, output: float) -> None:
         values, model = self._values, self.model
-        values[model.effort_register] = self._sense.counts(self.current_A, output, self.powered)
+        values[model.effort_register] = self.effort.counts(self.current_A, output, self.powered)
         if "present_pwm" in values:
             values["present_pwm"] = round(output)
             trajectory = self._loop.trajectory
@@ -298,11 +295,8 @@ class SimulatedMotor:
         if new:
             self.trip(new)
 
-    def _raw_ticks(self) -> int:
-        return math.floor(self._angle_rad / self.model.tick_rad) + self._encoder_jump_ticks
-
     def _position_ticks(self) -> int:
-        return self._raw_ticks() + self._turn_offset_ticks + self._values.get("homing_offset", 0)
+        return self.encoder.ticks + self._turn_offset_ticks + self._values.get("homing_offset", 0)
 
     def _loop_ticks(self) -> int:
         """Position in which the loop is closed: what the host reads, but all ticks of a divided multi-turn position."""
@@ -313,10 +307,11 @@ class SimulatedMotor:
     def _to_one_turn(self) -> None:
         turn = self.model.ticks_per_revolution
         if "cw_compliance_slope" not in self._values:  # an RX-28's potentiometer knows no turns
-            self._turn_offset_ticks = -(self._raw_ticks() // turn) * turn
+            self._turn_offset_ticks = -(self.encoder.ticks // turn) * turn
 
     def _measure(self, angle_rad: float, velocity_rad_s: float) -> None:
         self._angle_rad = angle_rad
+        self.encoder.measure(angle_rad)
         values, model = self._values, self.model
         position = self._position_ticks()
         if model.protocol == 1:
@@ -327,7 +322,7 @@ class SimulatedMotor:
             lowest, highest = self._position_range
             position = max(lowest, min(highest, position))
         values["present_position"] = position
-        velocity = round(velocity_rad_s / model.velocity_unit_rad_s)
+        velocity = 0 if self.encoder.stuck else round(velocity_rad_s / model.velocity_unit_rad_s)
         lowest, highest = self._velocity_range
         values["present_velocity"] = max(lowest, min(highest, velocity))
         values["moving"] = 1 if abs(velocity) > self._moving_threshold else 0

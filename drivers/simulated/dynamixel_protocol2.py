@@ -181,6 +181,12 @@ def _fast_answer(requests: list[_Request], hearing: Sequence[SimulatedMotor]) ->
     return [Answer(sum(delay_ns(motor) for motor, _, _ in chain), packets.pack_fast_status(parts), BROADCAST)]
 
 
+def group_requests(packet: Packet) -> list[_Request]:
+    """What a group read asks, motor by motor."""
+    bulk = packet.instruction in (BULK_READ, FAST_BULK_READ)
+    return _bulk_requests(packet.parameters) if bulk else _sync_requests(packet.parameters)
+
+
 def _sync_requests(parameters: bytes) -> list[_Request]:
     if len(parameters) < 5:
         return []

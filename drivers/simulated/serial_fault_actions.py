@@ -14,7 +14,7 @@ from msgspec import Meta
 
 _Id = Annotated[int, Meta(ge=0, le=253)]
 _Ids = Annotated[tuple[_Id, ...], Meta(min_length=1)]
-_Bytes = Annotated[str, Meta(pattern="^([0-9A-Fa-f]{2}){1,64}$")]
+_Bytes = Annotated[str, Meta(pattern="^([0-9A-Fa-f]{2}){1,4096}$")]
 Request = Literal["ping", "read", "write", "reg_write", "action", "reboot", "sync_read", "sync_write", "bulk_read"]
 HARDWARE_ERRORS = {"voltage": 0x01, "overheating": 0x04, "encoder": 0x08, "shock": 0x10, "overload": 0x20}
 HardwareErrorName = Literal["voltage", "overheating", "encoder", "shock", "overload"]
@@ -63,6 +63,12 @@ class Truncate(PacketAction, frozen=True, kw_only=True, tag="truncate"):
     """Only the first bytes of the answer come."""
 
     length: Annotated[int, Meta(ge=0, le=100)]
+
+
+class ErrorStatus(PacketAction, frozen=True, kw_only=True, tag="error_status"):
+    """The answer is an error without data: a number of protocol 2.0 (reference 4.2), bits of protocol 1.0 (4.1)."""
+
+    error: Annotated[int, Meta(ge=1, le=0x7F)]
 
 
 class Garbage(PacketAction, frozen=True, kw_only=True, tag="garbage"):
@@ -124,6 +130,32 @@ class EncoderJump(_Action, frozen=True, kw_only=True, tag="encoder_jump"):
     ticks: Annotated[int, Meta(ge=-1_000_000, le=1_000_000)]
 
 
+class EncoderStuck(_Action, frozen=True, kw_only=True, tag="encoder_stuck"):
+    """Motors' encoders go on telling what they told."""
+
+    motors: _Ids | None = None
+
+
+class EncoderNoise(_Action, frozen=True, kw_only=True, tag="encoder_noise"):
+    """The position that motors measure trembles, with this standard deviation."""
+
+    motors: _Ids | None = None
+    ticks: Annotated[float, Meta(gt=0, le=1000)]
+
+
+class EffortStuck(_Action, frozen=True, kw_only=True, tag="effort_stuck"):
+    """Motors go on telling the current or load that they told."""
+
+    motors: _Ids | None = None
+
+
+class EffortError(_Action, frozen=True, kw_only=True, tag="effort_error"):
+    """Motors tell so much more current or load than there is, counts."""
+
+    motors: _Ids | None = None
+    counts: Annotated[int, Meta(ge=-3000, le=3000)]
+
+
 class SetRegister(_Action, frozen=True, kw_only=True, tag="set_register"):
     """A register has another value all at once, read-only ones too; its name as in the control tables."""
 
@@ -133,8 +165,9 @@ class SetRegister(_Action, frozen=True, kw_only=True, tag="set_register"):
 
 
 AdapterAction = Echo | Unplug
-MotorAction = Silence | CutOff | HardwareError | Reboot | Supply | Temperature | EncoderJump | SetRegister
-SerialAction = Drop | Corrupt | Late | WrongId | Truncate | Garbage | AdapterAction | MotorAction
+SensorAction = Temperature | EncoderJump | EncoderStuck | EncoderNoise | EffortStuck | EffortError
+MotorAction = Silence | CutOff | HardwareError | Reboot | Supply | SensorAction | SetRegister
+SerialAction = Drop | Corrupt | Late | WrongId | Truncate | ErrorStatus | Garbage | AdapterAction | MotorAction
 INSTANTS = (HardwareError, Reboot, EncoderJump, SetRegister)
 """Actions that have no duration."""
 SERIAL_EVENTS = ("torque_on", "torque_off", "goal", "shutdown", "watchdog", "rebooted")

@@ -16,6 +16,7 @@ from drivers.simulated import dynamixel_packets1 as packets1
 from drivers.simulated.dynamixel_answer import Answer
 from drivers.simulated.dynamixel_motor import SimulatedMotor
 from drivers.simulated.dynamixel_packets import BROADCAST, Packet
+from drivers.simulated.dynamixel_protocol2 import group_requests
 from drivers.simulated.faults import START, Fault, FaultScript, Running, Schedule
 from drivers.simulated.serial_fault_actions import (
     HARDWARE_ERRORS,
@@ -25,7 +26,12 @@ from drivers.simulated.serial_fault_actions import (
     CutOff,
     Drop,
     Echo,
+    EffortError,
+    EffortStuck,
     EncoderJump,
+    EncoderNoise,
+    EncoderStuck,
+    ErrorStatus,
     Garbage,
     HardwareError,
     Late,
@@ -54,6 +60,10 @@ _REQUESTS = {
     0x92: "bulk_read",
     0x9A: "bulk_read",
 }
+
+
+_ALERT, _FAST_START = 0x80, 8
+"""Of protocol 2.0: the top bit of a status' error; where the parts of the one answer of several motors begin."""
 
 
 @dataclass
@@ -126,7 +136,7 @@ class SerialFaults:
             for running in self._schedule.frame_faults:
                 if outcome is not None and _concerns(running.action, outcome, packet) and running.strikes(now_ns):
                     self.struck += 1
-                    outcome = _struck(running, outcome)
+                    outcome = _struck(running, outcome, packet)
             pause_ns = 0
             if outcome is None:
                 pause_ns = answer.delay_ns  # the time that it took on the wire stays
@@ -192,7 +202,15 @@ def _befall(motor: SimulatedMotor, action: SerialAction, begins: bool, now_ns: i
         case Temperature():
             motor.stress.held_at_C = action.celsius if begins else None
         case EncoderJump():
-            motor.jump(action.ticks)
+            motor.encoder.jump_ticks += action.ticks
+        case EncoderStuck():
+            motor.encoder.stuck = begins
+        case EncoderNoise():
+            motor.encoder.noise_ticks = action.ticks if begins else 0.0
+        case EffortStuck():
+            motor.effort.stuck = begins
+        case EffortError():
+            motor.effort.extra_counts = action.counts if begins else 0
         case SetRegister():
             motor.put(action.name, action.value)
 
@@ -215,8 +233,8 @@ def _concerns(action: SerialAction, answer: Answer, packet: Packet) -> bool:
     return named and _answers(action, packet)
 
 
-def _struck(running: Running[SerialAction], answer: Answer) -> Answer | None:
-    """What a packet action makes of one answer."""
+def _struck(running: Running[SerialAction], answer: Answer, packet: Packet) -> Answer | None:
+    """What a packet action makes of one answer to a request."""
     match running.action:
         case Drop():
             return None
@@ -226,6 +244,8 @@ def _struck(running: Running[SerialAction], answer: Answer) -> Answer | None:
             return replace(answer, data=answer.data[:length])
         case Garbage(data=data):
             return replace(answer, data=bytes.fromhex(data) + answer.data)
+        case ErrorStatus(error=error):
+            return replace(answer, data=_refused(answer, packet, error, running.action.motor))
         case WrongId(id=motor_id):
             return replace(answer, data=_renamed(answer.data, motor_id))
         case Corrupt(bits=bits, where=where):
@@ -244,6 +264,23 @@ def _renamed(data: bytes, motor_id: int) -> bytes:
         return body + packets2.crc16(body).to_bytes(2, "little")
     body = bytes((motor_id,)) + data[3:-1]
     return packets1.HEADER + body + bytes((packets1.checksum(body),))
+
+
+def _refused(answer: Answer, packet: Packet, error: int, motor_id: int | None) -> bytes:
+    """A status with this error instead of data; in the one answer of several motors, zeros behind the error of the one
+    that is named, or of all."""
+    data = answer.data
+    if not _is_protocol_2(data):
+        return packets1.pack(data[2], error)
+    if answer.motor_id != BROADCAST:
+        return packets2.pack_status(data[4], error | data[8] & _ALERT)
+    parts, start = [], _FAST_START
+    for part_id, _, length in group_requests(packet):
+        alert, content = data[start], data[start + 2 : start + 2 + length]
+        struck = motor_id in (None, part_id)
+        parts.append((error | alert if struck else alert, part_id, bytes(length) if struck else content))
+        start += length + 4
+    return packets2.pack_fast_status(parts)
 
 
 def _corrupted(running: Running[SerialAction], data: bytes, bits: int, check_only: bool) -> bytes:

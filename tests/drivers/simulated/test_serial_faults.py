@@ -274,3 +274,59 @@ def test_script_files(tmp_path: Path) -> None:
     bad.write_text('{"action": {"kind": "press", "button": "idle"}}\n')
     with pytest.raises(ConfigurationError, match=r"bad.jsonl: line 1.*press"):
         read_motor_faults(bad)
+
+
+FAST_SYNC_READ = "FF FF FD 00 FE 09 00 8A 7E 00 0A 00 01 02 BB 1A"
+
+
+def test_an_error_comes_without_data() -> None:
+    """Reference 4.2, A21: access error, no data; the other motor's answer stays."""
+    bench = Bench(faults=script({"action": {"kind": "error_status", "motor": 1, "error": 7}, "for_s": 1.0}))
+    assert _answer(bench) == bytes.fromhex("FF FF FD 00 01 04 00 55 07 B0 8C")
+    reply = _answer(bench, SYNC_READ)
+    assert (reply[8], len(reply)) == (7, 11 + 21)
+    fast = _answer(bench, FAST_SYNC_READ)
+    assert (len(fast), fast[8], fast[10:20], fast[22], fast[23]) == (36, 7, bytes(10), 0, 2)
+    assert packets.crc16(fast[:-2]) == int.from_bytes(fast[-2:], "little")
+
+
+def test_an_error_of_protocol_1() -> None:
+    """Reference 4.1, B8: the error byte, and no data."""
+    bench = Bench(MX_28, faults=script({"action": {"kind": "error_status", "error": 32}}))
+    assert bench.say("FF FF 01 04 02 24 08 CC") == bytes.fromhex("FF FF 01 02 20 DC")
+
+
+def test_an_encoder_that_is_stuck_or_trembles() -> None:
+    """The host and the motor's own loop see the same wrong position; afterwards the right one."""
+    faults: list[dict[str, Any]] = [
+        {"action": {"kind": "encoder_stuck", "motors": [1]}, "at_s": 0.1, "for_s": 0.1},
+        {"action": {"kind": "encoder_noise", "motors": [1], "ticks": 20}, "at_s": 0.3, "for_s": 0.1},
+    ]
+    bench = Bench(faults=script(*faults))
+    motor = bench.sim.motors[0]
+    told = {}
+    for step in range(1000):
+        now_ns = step * MILLISECOND // 2
+        bench.sim.faults.advance(now_ns)
+        motor.control(now_ns, 1.0 + step * 0.01, 0.0)
+        told[step] = motor.value("present_position")
+    true = {step: int((1.0 + step * 0.01) / motor.model.tick_rad) for step in told}
+    assert len({told[step] for step in range(201, 399)}) == 1
+    errors = [told[step] - true[step] for step in range(601, 799)]
+    assert 10 < max(errors) < 100
+    assert -100 < min(errors) < -10
+    assert [told[step] for step in (100, 500, 900)] == [true[step] for step in (100, 500, 900)]
+
+
+def test_a_current_sensor_that_is_stuck_or_lies() -> None:
+    """What is told is not what flows."""
+    faults: list[dict[str, Any]] = [
+        {"action": {"kind": "effort_error", "counts": 500}, "at_s": 0.1, "for_s": 0.01},
+        {"action": {"kind": "effort_stuck"}, "at_s": 0.2, "for_s": 0.1},
+    ]
+    bench = Bench(faults=script(*faults))
+    motor = bench.sim.motors[0]
+    for now_ns, counts in ((0, 0), (105, 500), (150, 0), (205, 0)):
+        bench.sim.faults.advance(now_ns * MILLISECOND)
+        motor.control(now_ns * MILLISECOND, 0.0, 0.0)
+        assert motor.value("present_current") == counts
