@@ -1,17 +1,22 @@
 """What cycle, front and tactile process say to each other where pads are fitted, beside `controller/messages.py`.
 
-tactile → cycle, front   PadState   latest value        cycle → tactile   PadOrder   latest value
+tactile → cycle   PadState    latest value        tactile → front   PadReport   latest value, all of them recorded
+cycle → tactile   PadOrder    latest value
 """
 
 from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from drivers.errors import ProtocolError
+from drivers.takktile.compensation import COEFFICIENT_BYTES
 
 _STATE = struct.Struct("<4d2qIIII")
 _ORDER = struct.Struct("<II")
+_REPORT = struct.Struct("<BB")
+_CELL = struct.Struct(f"<BBBBHH5f{COEFFICIENT_BYTES}s")
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,52 @@ class PadState:
             raise ProtocolError("link", f"a PadState has {len(payload)} bytes; expected {_STATE.size}.")
         f0, f1, d0, d1, o0, o1, t0, t1, v0, v1 = _STATE.unpack(payload)
         return cls((f0, f1), (d0, d1), (o0, o1), (bool(t0), bool(t1)), (v0, v1))
+
+
+NOTHING_KNOWN = PadState((0.0, 0.0), (0.0, 0.0), (0, 0), (False, False), (0, 0))
+"""Of pads whose bridge is away."""
+
+
+class CellState(NamedTuple):
+    """One cell of the map: all that its part in the force was made of, so that it can be made anew."""
+
+    finger: int
+    row: int
+    column: int
+    quality: int
+    """A `drivers.takktile.quality.CellQuality`."""
+    pressure: int
+    temperature: int
+    """Raw counts, both."""
+    counts: float
+    """Pcomp counts above zero; without a zero 0."""
+    zero_counts: float
+    zero_temperature: float
+    smooth_temperature: float
+    """Low-passed temperature counts, those that the signal is corrected with."""
+    force_N: float
+    coefficients: bytes
+
+
+@dataclass(frozen=True)
+class PadReport:
+    """Both pads with all their cells, right before left; `present`: whether the bridge is there."""
+
+    present: bool
+    state: PadState
+    cells: tuple[CellState, ...] = ()
+
+    def pack(self) -> bytes:
+        cells = b"".join(_CELL.pack(*cell) for cell in self.cells)
+        return _REPORT.pack(self.present, len(self.cells)) + self.state.pack() + cells
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> PadReport:
+        start = _REPORT.size + _STATE.size
+        if len(payload) < start or len(payload) != start + _CELL.size * payload[1]:
+            raise ProtocolError("link", f"a PadReport of {len(payload)} bytes; its cells do not fill it.")
+        cells = tuple(CellState(*values) for values in _CELL.iter_unpack(payload[start:]))
+        return cls(bool(payload[0]), PadState.unpack(payload[_REPORT.size : start]), cells)
 
 
 @dataclass(frozen=True)

@@ -28,12 +28,14 @@ from calibration.tactile_file import SIDES, write_pad
 from controller.calibration_options import AsJson, Config, await_enter, say
 from controller.config import Tactile, load_config
 from controller.service.tactile_assembly import configured_cells, open_bridge
+from controller.service.tactile_state import quality_words
 from drivers.clock import Clock, MonotonicClock, nanoseconds
 from drivers.errors import InputError, NoReplyError
 from drivers.takktile.bridge import Bridge, BridgeFrame
 from drivers.takktile.calibration import PadCalibration, check_cells, nominal
 from drivers.takktile.frames import DEVICE, Cell
 from drivers.takktile.pads import Pads
+from drivers.takktile.quality import BROKEN, CellQuality, Flags
 
 TACTILE_EXAMPLE = "Example: stillgrasp calibrate tactile right --config robot.toml --mass 0.05 --mass 0.1 --mass 0.2"
 LONGEST_FRAME_S = 0.5
@@ -56,11 +58,12 @@ class PadMeter:
         bridge.start(tactile.period_s)
 
     def zero(self) -> None:
-        """Take the zero; the pad must be free."""
+        """Take the zero; the pad must be free, and its cells sound."""
         self._drain()
         self._pads.tare()
         while self._pads.taring:
             self._take()
+        self._refuse(self._pads.readings().quality, BROKEN | CellQuality.NO_ZERO)
 
     def mean_counts(self, duration_s: float) -> tuple[float, ...]:
         """Mean signal of each cell, Pcomp counts above zero."""
@@ -70,6 +73,7 @@ class PadMeter:
         while self._clock.now_ns() < end_ns:
             self._take()
             rows.append(self._pads.counts[self._columns])
+            self._refuse(self._pads.readings().quality, BROKEN | CellQuality.SATURATED)
         return tuple(np.mean(rows, axis=0).tolist())
 
     def warm_up(self, duration_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -86,6 +90,18 @@ class PadMeter:
                 counts.append(np.mean(seen, axis=0))
                 temperatures.append(np.mean(warmth, axis=0))
         return np.array(counts), np.array(temperatures)
+
+    def _refuse(self, quality: Flags, kinds: CellQuality) -> None:
+        """Nothing is calibrated with a cell that cannot be believed."""
+        for cell, column in zip(self.cells, self._columns, strict=True):
+            flaw = CellQuality(int(quality[column])) & kinds
+            if flaw & CellQuality.SATURATED:
+                raise InputError(f"cell {_name(cell)} is pressed beyond its range.", help="Use lighter masses.")
+            if flaw:
+                raise InputError(
+                    f"cell {_name(cell)} is {quality_words(flaw)}; expected a sound one.",
+                    help="Leave it out of the map under [tactile], or mend it.",
+                )
 
     def _drain(self) -> None:
         """What waited while the operator did is of long ago."""

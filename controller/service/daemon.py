@@ -132,7 +132,14 @@ class Daemon:
                 self._front = Front(
                     self._clock,
                     links,
-                    Outlets(socket, publisher, self._recorder, self._idle_arm, self._say),
+                    Outlets(
+                        socket,
+                        publisher,
+                        self._recorder,
+                        self._idle_arm,
+                        self._say,
+                        record_pads=None if self._recorder is None else self._recorder.record_pads,
+                    ),
                     Planner(config, shelf),
                     shelf,
                     heartbeat_s=SIMULATED_HEARTBEAT_S if self._choices.simulated else HEARTBEAT_S,

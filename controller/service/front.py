@@ -16,15 +16,15 @@ from typing import Any, Protocol
 
 from calibration.motion_table import MotionTable
 from controller.messages import CYCLE_RECORD, CycleCommand, CycleEvent, EventKind, Reason
-from controller.pad_messages import PadState
 from controller.reasons import EXPLANATIONS, as_error, named_values
 from controller.service import commands as asked
 from controller.service.answers import encode_error, encode_event, encode_reply, error_told
 from controller.service.command_socket import Address, CommandPort
 from controller.service.links import LatestReader, LinkError, OrderedReader, OrderedSender
 from controller.service.requests import Plan, Planner
-from controller.service.state import pad_record, state_map
+from controller.service.state import state_map
 from controller.service.table_shelf import TableShelf
+from controller.service.tactile_watch import TactileWatch
 from controller.service.telemetry import StateOutlet
 from drivers.clock import NANOSECONDS, Clock, nanoseconds
 from drivers.errors import CommandError, StillgraspError
@@ -78,6 +78,8 @@ class Outlets:
     idle_arm: Callable[[], str] | None = None
     say: Callable[[str], None] = field(default=lambda text: None)
     wall_time_s: Callable[[], float] = field(default=time.time)
+    record_pads: Callable[[dict[str, Any], int], None] | None = None
+    """Keeps a frame of the tactile pads, as of a time."""
 
 
 class Front:
@@ -96,6 +98,7 @@ class Front:
     ) -> None:
         self._clock, self._links, self._out = clock, links, outlets
         self._planner, self._shelf = planner, shelf
+        self._tactile = None if links.pads is None else TactileWatch(links.pads, self.tell, outlets.record_pads)
         self._running: dict[int, _Running] = {}
         self._clients: dict[Address, None] = {}  # in order of their coming: events go out in the same order every time
         self._next_token = 1
@@ -110,7 +113,7 @@ class Front:
         self.hand_lost = ""
         """Why there is no hand process any more, where that is so; set by who supervises it, shown in `status`."""
         self.tactile_lost = ""
-        """The same of the tactile process."""
+        """The same of the tactile process; pads that are away themselves are told by `TactileWatch`."""
         self.stopped = False
         self.stop_reason = Reason.NONE
         """With `stopped`: NONE if the arm is idle, else why that is not known."""
@@ -182,14 +185,14 @@ class Front:
                 "tables": self._shelf.names(),
             }
         if isinstance(command, asked.Status):
-            state = {} if self._record is None else state_map(self._record)
+            state = {} if self._record is None else self._state(self._record)
             return {
                 "state": state,
                 "state_age_s": (self._clock.now_ns() - self._record_ns) * 1e-9 if state else None,
                 "table": self._planner.table_name,
                 "cycle_lost": self.cycle_lost,
                 "hand_lost": self.hand_lost,
-                "tactile_lost": self.tactile_lost,
+                "tactile_lost": self.tactile_lost or ("" if self._tactile is None else self._tactile.lost),
             }
         if isinstance(command, asked.TableList):
             return {"tables": self._shelf.listing()}
@@ -289,16 +292,22 @@ class Front:
             self._out.recorder.event(event, now_ns)
 
     def _take_records(self, now_ns: int) -> None:
-        pads = None if self._links.pads is None else self._links.pads.newest()
+        if self._tactile is not None:
+            self._tactile.step()
         for payload, sample_ns in self._links.records.new_values():
             self._record, self._record_ns, self._silence_ns = CYCLE_RECORD.read(payload), sample_ns, 0
-            if pads is not None:
-                self._record |= pad_record(PadState.unpack(pads[0]))
+            if self._tactile is not None:
+                self._record |= self._tactile.record()
             if self._out.recorder is not None:
                 self._out.recorder.record_cycle(self._record, sample_ns)
         if self._out.publisher is not None and self._record is not None and now_ns >= self._next_state_ns:
             self._next_state_ns = max(self._next_state_ns + self._state_period_ns, now_ns)
-            self._out.publisher.publish(state_map(self._record), self._out.wall_time_s())
+            self._out.publisher.publish(self._state(self._record), self._out.wall_time_s())
+
+    def _state(self, record: dict[str, Any]) -> dict[str, Any]:
+        """What clients see; of tactile pads only where there are some."""
+        pads = {} if self._tactile is None else self._tactile.state(self._clock.now_ns())
+        return state_map(record) | pads
 
     def _watch(self, now_ns: int, cycle_gone: bool) -> None:
         """Deadlines of requests, and the cycle's heartbeat."""

@@ -1,8 +1,8 @@
 """The recording: every cycle and event in one MCAP file, as JSON with a JSON schema (design 6).
 
-Foxglove and PlotJuggler read it as it is. Topics `/cycle` and `/events`; the schema of each is that of its first
-message. Times are nanoseconds of the caller's clock plus `wall_offset_ns`, so that a recording on the monotonic clock
-shows the time of day; NaN is written as null, for JSON has none.
+Foxglove and PlotJuggler read it as it is. Topics `/cycle`, `/events` and, with tactile pads, `/tactile`;
+the schema of each is that of its first message. Times are nanoseconds of the caller's clock plus `wall_offset_ns`, so
+that a recording on the monotonic clock shows the time of day; NaN is written as null, for JSON has none.
 
 The file is written in chunks of 0.2 s or so: after a crash all finished chunks can be read. A disk that is full or has
 gone ends the recording, says so in `failure`, and leaves the daemon alone.
@@ -60,6 +60,10 @@ class Recorder:
     def record_cycle(self, record: Mapping[str, Any], time_ns: int) -> None:
         """Keep one cycle's record: numbers, arrays, texts and maps by name, as of `time_ns`."""
         self._write("/cycle", record, time_ns)
+
+    def record_pads(self, frame: Mapping[str, Any], time_ns: int) -> None:
+        """Keep one frame of the tactile pads, as of `time_ns`."""
+        self._write("/tactile", frame, time_ns)
 
     def event(self, event: Mapping[str, Any], time_ns: int) -> None:
         """Keep one event."""

@@ -10,38 +10,13 @@ import pinocchio
 
 from controller.cycle.grasp_state import ArmState, GraspPhase, HandStatus
 from controller.messages import CompensationIndex, HandFault, Reason
-from controller.pad_messages import PadState
 from controller.reasons import EXPLANATIONS
 
 Record = Mapping[str, float | list[float]]
 
 
-def pad_record(pads: PadState) -> dict[str, float | list[float]]:
-    """What the tactile pads add to a cycle's record; only where there are pads."""
-    return {
-        "tactile_force_N": list(pads.force_N),
-        "tactile_deviation_N": list(pads.deviation_N),
-        "tactile_total_N": sum(pads.force_N),
-        "tactile_touching": [float(touching) for touching in pads.touching],
-        "tactile_valid_cells": [float(count) for count in pads.valid_cells],
-    }
-
-
 def state_map(record: Record) -> dict[str, Any]:
-    """The state of one cycle, with units in the names; `tactile` only where there are pads."""
-    state = _state_of_cycle(record)
-    if "tactile_total_N" in record:
-        state["tactile"] = {
-            "force_N": record["tactile_force_N"],
-            "deviation_N": record["tactile_deviation_N"],
-            "total_N": record["tactile_total_N"],
-            "touching": record["tactile_touching"],
-            "valid_cells": record["tactile_valid_cells"],
-        }
-    return state
-
-
-def _state_of_cycle(record: Record) -> dict[str, Any]:
+    """The state of one cycle, with units in the names; what tactile pads add is in `tactile_state.py`."""
     fault = Reason(_integer(record, "reason"))
     return {
         "arm": {

@@ -1,6 +1,7 @@
 """The tactile process: owns the TakkTile bridge; only started where pads are configured.
 
-Without it everything else goes on: contact is then found by the motors' load.
+Without it everything else goes on: contact is then found by the motors' load. A bridge must be there when it starts;
+one that goes later is opened again.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from controller.service.tactile import LONGEST_SILENCE_S, TactilePart
 from controller.service.tactile_assembly import configured_pads, open_bridge
 from drivers.clock import MonotonicClock
 from drivers.errors import InputError
-from drivers.takktile.bridge import Bridge
 from drivers.takktile.touch import TouchSettings
 
 SIMULATED_SILENCE_S = 3.0
@@ -33,19 +33,19 @@ def run_tactile(assignment: Assignment, lifeline: Lifeline, stop: StopRequests) 
     front = SocketLink.from_fileno(assignment.descriptors["pads"])
     if not wait_for_go(lifeline, stop):
         return 0
-    bridge = Bridge(open_bridge(tactile, clock), clock)
+    part = TactilePart(
+        clock,
+        lambda: open_bridge(tactile, clock),
+        configured_pads(tactile),
+        LatestReader(cycle),
+        LatestSender(cycle),
+        LatestSender(front),
+        period_s=tactile.period_s,
+        touch=TouchSettings(tactile.touch_N, tactile.release_N),
+        say=lambda text: _said(lifeline, text),
+        longest_silence_s=SIMULATED_SILENCE_S if assignment.simulated else LONGEST_SILENCE_S,
+    )
     try:
-        part = TactilePart(
-            clock,
-            bridge,
-            configured_pads(tactile),
-            LatestReader(cycle),
-            (LatestSender(cycle), LatestSender(front)),
-            period_s=tactile.period_s,
-            touch=TouchSettings(tactile.touch_N, tactile.release_N),
-            say=lambda text: _said(lifeline, text),
-            longest_silence_s=SIMULATED_SILENCE_S if assignment.simulated else LONGEST_SILENCE_S,
-        )
         part.start()
         priority = config.cycle.priority - _BELOW_CYCLE
         enter_realtime(RealtimeSettings(priority=priority if priority > 0 else None, freeze_garbage=True))
@@ -55,7 +55,7 @@ def run_tactile(assignment: Assignment, lifeline: Lifeline, stop: StopRequests) 
             stop.drain()
         return 0
     finally:
-        bridge.close()
+        part.stop()
 
 
 def _said(lifeline: Lifeline, text: str) -> None:

@@ -18,7 +18,7 @@ from drivers.simulated.dynamixel import SimulatedMotors, SimulatedMotorSettings
 from drivers.simulated.dynamixel_electrics import electrics_of
 from drivers.simulated.faults import FaultScript
 from drivers.simulated.serial_fault_actions import SerialAction
-from drivers.simulated.takktile import SimulatedCell, SimulatedTakktile
+from drivers.simulated.takktile import SimulatedCell, SimulatedTakktile, uneven
 from drivers.simulated.wam import SimulatedWam
 from drivers.wam.parameters import load_wam_parameters
 
@@ -113,15 +113,15 @@ def build_devices(
     )
     period_s = world.physics_period_ns * 1e-9
     world.call_before_each_step(lambda now_ns: motors.control(now_ns, period_s))
-    pads = None if config.tactile is None else _pads(config.tactile, world, scene.seed)
+    pads = None if config.tactile is None else _pads(config.tactile, world, scene.seed, start_ns)
     return Devices(world, SimulatedWam(world, parameters, zeroed=zeroed), motors, pads)
 
 
-def _pads(tactile: Tactile, world: World, seed: int) -> SimulatedTakktile:
-    """The configured cells, each bearing its share of its fingertip's force."""
+def _pads(tactile: Tactile, world: World, seed: int, start_ns: int) -> SimulatedTakktile:
+    """The configured cells, no two alike, each bearing its share of its fingertip's force."""
     cells = [
         SimulatedCell(cell, finger, share=1.0 / len(mapped))
         for finger, mapped in enumerate(configured_cells(tactile, side) for side in SIDES)
         for cell in mapped
     ]
-    return SimulatedTakktile(world.fingertip_force_N, cells, seed=seed)
+    return SimulatedTakktile(world.fingertip_force_N, uneven(cells, seed), seed=seed, start_ns=start_ns)

@@ -24,11 +24,13 @@ _LARGEST_PACKET = 1024
 
 
 class MemoryTransport:
-    """A `BridgeTransport` to `device` in the same process; it waits in `clock`, virtual or not."""
+    """A `BridgeTransport` to `device` in the same process; it waits in `clock`, virtual or not. Raises BusError."""
 
     def __init__(self, device: SimulatedTakktile, clock: Clock) -> None:
         self._device = device
         self._clock = clock
+        self._plug = device.plug
+        self._check()
 
     def request(self, request: int, value: int, index: int, length: int) -> bytes:
         self._check()
@@ -38,16 +40,20 @@ class MemoryTransport:
             raise ProtocolError(DEVICE, f"refused {error}.") from error
 
     def read_frame(self, deadline_ns: int) -> bytes | None:
-        self._check()
-        ready_ns = self._device.next_frame_ns()
-        self._clock.sleep_until_ns(deadline_ns if ready_ns is None else min(ready_ns, deadline_ns))
-        return self._device.take_frame(self._clock.now_ns())
+        while True:
+            self._check()
+            ready_ns = self._device.next_frame_ns()
+            self._clock.sleep_until_ns(deadline_ns if ready_ns is None else min(ready_ns, deadline_ns))
+            frame = self._device.take_frame(self._clock.now_ns())
+            if frame is not None or self._clock.now_ns() >= deadline_ns:
+                return frame
 
     def close(self) -> None:
         pass
 
     def _check(self) -> None:
-        if self._device.unplugged:
+        self._device.advance_to(self._clock.now_ns())
+        if self._device.unplugged or self._device.plug != self._plug:
             raise BusError(DEVICE, "was unplugged.", help="Check its plug.")
 
 
@@ -139,6 +145,7 @@ class TakktileServer:
         self._device = device
         self._clock = clock
         self._client: socket.socket | None = None
+        self._plug = device.plug
         self._tokens = 0
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET | socket.SOCK_NONBLOCK)
         try:
@@ -162,17 +169,19 @@ class TakktileServer:
     def step(self, now_ns: int | None = None) -> None:
         """Answer what was asked, send what is ready; never waits."""
         now_ns = self._clock.now_ns() if now_ns is None else now_ns
+        self._device.advance_to(now_ns)
         if self._client is None:
             with contextlib.suppress(BlockingIOError):
                 self._client = self._listener.accept()[0]
                 self._client.setblocking(False)
+                self._plug = self._device.plug
+        if self._device.unplugged or self._device.plug != self._plug:
+            self._drop()
         while self._client is not None and (packet := self._next_packet()) is not None:
             if packet == b"I":
                 self._tokens = 1
             elif len(packet) == 1 + _SETUP.size and packet[:1] == b"C":
                 self._answer(packet, now_ns)
-        if self._device.unplugged:
-            self._drop()
         if self._tokens and (frame := self._device.take_frame(now_ns)) is not None:
             self._tokens = 0
             self._send(b"F" + frame)

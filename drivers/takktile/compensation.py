@@ -68,7 +68,15 @@ def pressure_kPa(counts: float) -> float:
     return counts * KPA_PER_COUNT + LOWEST_KPA
 
 
+def at_end(pressure: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which raw pressures (n,) are at the converter's end."""
+    ends: NDArray[np.bool_] = (pressure <= SMALLEST_PRESSURE) | (pressure >= LARGEST_PRESSURE)
+    return ends
+
+
 def saturated(pressure: NDArray[np.int64], previous: NDArray[np.int64] | None) -> NDArray[np.bool_]:
     """Which raw pressures (n,) are at the converter's end, or jumped since `previous` as only a wrap does."""
-    at_end: NDArray[np.bool_] = (pressure <= SMALLEST_PRESSURE) | (pressure >= LARGEST_PRESSURE)
-    return at_end if previous is None else at_end | (np.abs(pressure - previous) > LARGEST_JUMP)
+    if previous is None:
+        return at_end(pressure)
+    jumped: NDArray[np.bool_] = np.abs(pressure - previous) > LARGEST_JUMP
+    return at_end(pressure) | jumped

@@ -55,7 +55,7 @@ class PadTouch:
         if self.touching:
             self.touching = force_N > release_N
             if not self.touching:
-                self._clear()
+                self.forget_rise()
             return self.touching
         self._rise.append((sample_ns, force_N))
         self._above = self._above + 1 if force_N >= touch_N else 0
@@ -64,7 +64,8 @@ class PadTouch:
             self.onset_ns = onset_ns(self._rise)
         return self.touching
 
-    def _clear(self) -> None:
+    def forget_rise(self) -> None:
+        """What is rising is no more followed back: samples are missing. A contact under way goes on."""
         self._rise.clear()
         self._above = 0
 

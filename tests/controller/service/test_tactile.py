@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from controller.pad_messages import PadOrder, PadState
+from controller.pad_messages import NOTHING_KNOWN, PadOrder, PadReport, PadState
 from controller.service.links import LatestReader, LatestSender, VirtualLink
 from controller.service.tactile import TactilePart
 from drivers.clock import VirtualClock, nanoseconds, seconds
-from drivers.errors import BusError, NoReplyError
-from drivers.simulated.takktile import SimulatedCell, SimulatedTakktile, two_fingers
+from drivers.errors import BusError
+from drivers.simulated.faults import Fault
+from drivers.simulated.takktile import TYPICAL_COEFFICIENTS, SimulatedCell, SimulatedTakktile, two_fingers
+from drivers.simulated.takktile_fault_actions import Dead, MoreCells, Silence, Truncate, Unplug
 from drivers.simulated.takktile_lines import MemoryTransport
-from drivers.takktile.bridge import Bridge
 from drivers.takktile.calibration import nominal
+from drivers.takktile.quality import CellQuality
 from drivers.takktile.touch import TouchSettings
 
 
 class Rig:
     """A part with its bridge and the other ends of its links."""
 
-    def __init__(self, **device: Any) -> None:
+    def __init__(self, calibrated: bool = False, **device: Any) -> None:
         self.force_N = [0.0, 0.0]
         self.said: list[str] = []
         self.clock = VirtualClock()
@@ -29,14 +32,19 @@ class Rig:
         orders = VirtualLink(self.clock, self.clock)
         states = [VirtualLink(self.clock, self.clock, capacity=1000) for _ in range(2)]
         self.orders = LatestSender(orders)
-        self.states = [LatestReader(link) for link in states]
+        self.states, self.reports = (LatestReader(link) for link in states)
         maps = [[cell.cell for cell in two_fingers() if cell.finger == finger] for finger in (0, 1)]
+        right, left = (nominal(places) for places in maps)
+        if calibrated:
+            chips = (TYPICAL_COEFFICIENTS.hex(),) * 8
+            right, left = replace(right, coefficients=chips), replace(left, coefficients=chips)
         self.part = TactilePart(
             self.clock,
-            Bridge(MemoryTransport(self.device, self.clock), self.clock),
-            (nominal(maps[0]), nominal(maps[1])),
+            lambda: MemoryTransport(self.device, self.clock),
+            (right, left),
             LatestReader(orders),
-            [LatestSender(link) for link in states],
+            LatestSender(states[0]),
+            LatestSender(states[1]),
             period_s=0.008,
             touch=TouchSettings(),
             say=self.said.append,
@@ -46,14 +54,17 @@ class Rig:
     def order(self, free: bool, tare: int) -> None:
         self.orders.send(PadOrder(free, tare).pack(), self.clock.now_ns())
 
-    def run(self, duration_s: float) -> PadState | None:
-        """The newest state after a time."""
+    def run(self, duration_s: float) -> PadState:
+        """The newest state after a time: both readers, cycle and front, hear the same."""
         end_ns = self.clock.now_ns() + nanoseconds(duration_s)
         while self.clock.now_ns() < end_ns:
             self.part.step()
-        told = [reader.newest() for reader in self.states]
-        assert told[0] == told[1]
-        return None if told[0] is None else PadState.unpack(told[0][0])
+        cycle, front = self.states.newest(), self.reports.newest()
+        assert cycle is not None
+        assert front is not None
+        self.report = PadReport.unpack(front[0])
+        assert PadState.unpack(cycle[0]) == self.report.state
+        return self.report.state
 
     def ready(self) -> Rig:
         """With a zero, about to close."""
@@ -66,9 +77,8 @@ class Rig:
 def test_nothing_is_told_before_a_zero_was_ordered() -> None:
     """The hand may hold something when the daemon starts: no zero is taken by itself."""
     rig = Rig()
-    assert rig.run(1.0) is None
+    assert rig.run(1.0).valid_cells == (0, 0)
     state = rig.ready().run(0.1)
-    assert state is not None
     assert state.valid_cells == (8, 8)
     assert state.touching == (False, False)
 
@@ -81,12 +91,10 @@ def test_contact_is_told_per_finger_and_dated() -> None:
     while rig.force_N[1] < 1.0:
         rig.force_N[1] = seconds(rig.clock.now_ns() - began_ns) * 2.0
         state = rig.run(0.004)
-    assert state is not None
     assert state.touching == (False, True)
     assert seconds(state.onset_ns[1] - began_ns) == pytest.approx(0.0, abs=0.05)
     rig.force_N[1] = 0.0
     state = rig.run(0.1)
-    assert state is not None
     assert not state.touching[1]
 
 
@@ -98,7 +106,6 @@ def test_a_zero_under_load_is_told_and_not_taken() -> None:
     rig.force_N[0] = 3.0
     state = rig.run(0.6)
     assert any("cannot be zeroed" in line for line in rig.said)
-    assert state is not None
     assert state.touching == (True, False)
 
 
@@ -108,7 +115,7 @@ def test_a_zero_that_comes_too_late_is_given_up() -> None:
     rig.order(True, 1)
     rig.run(0.2)
     rig.order(False, 1)
-    assert rig.run(1.0) is None
+    assert rig.run(1.0).valid_cells == (0, 0)
 
 
 def test_a_saturated_pad_has_not_let_go() -> None:
@@ -119,21 +126,75 @@ def test_a_saturated_pad_has_not_let_go() -> None:
     rig.run(0.1)
     rig.force_N[0] = 50.0
     state = rig.run(0.1)
-    assert state is not None
     assert state.valid_cells[0] == 0
     assert state.touching[0]
 
 
-def test_a_silent_bridge_and_an_unplugged_one_end_the_part() -> None:
-    """Half a second without a whole frame, or no bridge: an error that says so, not a last value for ever."""
+def test_a_bridge_that_goes_is_looked_for_and_taken_back() -> None:
+    """Unplugged for two seconds in the middle of a grasp: told once, nothing known meanwhile; back, its zero holds and
+    the force that is there is told."""
     rig = Rig().ready()
-    rig.device.inject_short_frames(10**9)
-    with pytest.raises(NoReplyError, match="no frame"):
-        rig.run(1.0)
+    rig.force_N[:] = (2.0, 2.0)
+    assert rig.run(0.1).touching == (True, True)
+    rig.device.add_fault(Fault(action=Unplug(), for_s=2.0), rig.clock.now_ns())
+    assert rig.run(1.0) == NOTHING_KNOWN
+    assert not rig.report.present
+    state = rig.run(2.0)
+    assert rig.report.present
+    assert state.touching == (True, True)
+    assert state.force_N == pytest.approx((2.0, 2.0), abs=0.15)
+    lost = [line for line in rig.said if "are lost" in line]
+    assert len(lost) == 1
+    assert "unplugged" in lost[0]
+    assert rig.said[-1] == "the tactile bridge is back"
+
+
+@pytest.mark.parametrize(
+    ("action", "words"),
+    [
+        (Silence(), "no whole frame within 0.5 s, at all"),
+        (Truncate(length=9), "of another length than 16 cells have"),
+        (MoreCells(), "of another length than 16 cells have"),
+    ],
+)
+def test_a_bridge_without_whole_frames_is_lost(action: Any, words: str) -> None:
+    """Half a second without one: not a last value for ever, and the reason says which kind of nothing it was."""
+    rig = Rig().ready()
+    rig.device.add_fault(Fault(action=action, for_s=2.0), rig.clock.now_ns())
+    assert rig.run(1.0) == NOTHING_KNOWN
+    assert words in next(line for line in rig.said if "are lost" in line)
+    assert rig.run(3.0).valid_cells == (8, 8)
+
+
+def test_another_strip_is_not_taken_for_the_old_one() -> None:
+    """Plugged in again with another chip in the place of a calibrated one: refused, told once, and nothing is known."""
+    rig = Rig(calibrated=True).ready()
     rig.device.unplugged = True
-    with pytest.raises(BusError):
-        rig.run(1.0)
+    rig.run(1.0)
+    other = replace(rig.device.cells[3], coefficients=bytes.fromhex("3ECEB3F9C51733C8"))
+    rig.device = SimulatedTakktile(lambda: rig.force_N, (*rig.device.cells[:3], other, *rig.device.cells[4:]))
+    assert rig.run(3.0) == NOTHING_KNOWN
+    assert sum("not the one that was calibrated" in line for line in rig.said) == 1
+
+
+def test_a_cell_that_dies_while_the_bridge_is_away_is_left_out() -> None:
+    """The others go on with their zeros; its own place says why it does not count."""
+    rig = Rig().ready()
+    rig.device.add_fault(Fault(action=Unplug(), for_s=1.0), rig.clock.now_ns())
+    rig.device.add_fault(Fault(action=Dead(cells=((0, 2),))), rig.clock.now_ns())
+    assert rig.run(3.0).valid_cells == (7, 8)
+    dead = [(cell.row, cell.column) for cell in rig.report.cells if cell.quality == CellQuality.DEAD]
+    assert dead == [(0, 2)]
+    assert any("0:2 are dead" in line for line in rig.said)
+
+
+def test_a_start_without_a_bridge_is_refused() -> None:
+    """Who configured pads wants them: at the start a bridge that is not there is an error, not a wait."""
+    rig = Rig()
     rig.part.stop()
+    rig.device.unplugged = True
+    with pytest.raises(BusError, match="unplugged"):
+        rig.part.start()
 
 
 def test_dead_cells_and_missing_calibration_are_told_once() -> None:

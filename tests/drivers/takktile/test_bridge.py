@@ -6,7 +6,9 @@ import pytest
 
 from drivers.clock import VirtualClock, nanoseconds, seconds
 from drivers.errors import BusError, InputError, ProtocolError
+from drivers.simulated.faults import Fault
 from drivers.simulated.takktile import SimulatedCell, SimulatedTakktile
+from drivers.simulated.takktile_fault_actions import Truncate
 from drivers.simulated.takktile_lines import MemoryTransport
 from drivers.takktile.bridge import Bridge
 from drivers.takktile.frames import Cell, Firmware, Request
@@ -60,10 +62,10 @@ def test_broken_frames_are_dropped_and_counted() -> None:
     device = SimulatedTakktile(lambda: (0.0, 0.0))
     bridge, clock = bridge_of(device)
     bridge.start(0.01)
-    device.inject_short_frames(3)
+    device.add_fault(Fault(action=Truncate(length=30), for_frames=3), clock.now_ns())
     assert bridge.read(clock.now_ns() + nanoseconds(0.1)) is not None
     assert bridge.bad_frames == 3
-    device.inject_short_frames(100)
+    device.add_fault(Fault(action=Truncate(length=30), for_frames=100), clock.now_ns())
     assert bridge.read(clock.now_ns() + nanoseconds(0.1)) is None
 
 

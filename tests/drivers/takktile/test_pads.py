@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError, ProtocolError
+from drivers.simulated.faults import Fault
 from drivers.simulated.takktile import SimulatedCell, two_fingers
+from drivers.simulated.takktile_fault_actions import Repeat
 from drivers.takktile.calibration import PadCalibration, check_cells, nominal
 from drivers.takktile.frames import Cell, Firmware
 
@@ -115,9 +117,9 @@ def test_no_force_without_a_zero(make_strip: MakeStrip) -> None:
     """Before the first tare nothing is known; a tare that is given up leaves it so."""
     strip = make_strip()
     strip.pads.tare()
-    assert strip.run(0.3) == []
+    assert {sample.valid_cells for sample in strip.run(0.3)} == {(0, 0)}
     strip.pads.stop_taring()
-    assert strip.run(1.0) == []
+    assert {sample.valid_cells for sample in strip.run(1.0)} == {(0, 0)}
     assert not strip.pads.tared
 
 
@@ -126,7 +128,7 @@ def test_repeated_readings_are_readings(make_strip: MakeStrip) -> None:
     strip = make_strip().tared()
     strip.force_N[0] = 2.0
     strip.run(0.05)
-    strip.device.inject_repeated_frames(30)
+    strip.device.add_fault(Fault(action=Repeat(), for_frames=30), strip.clock.now_ns())
     assert strip.run(0.2)[-1].force_N[0] == pytest.approx(2.0, abs=0.15)
 
 
