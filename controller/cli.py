@@ -163,6 +163,10 @@ def run(
         typer.Option(help="With --simulate: where its centre stands in the world, m."),
     ] = None,
     object_yaw: Annotated[float | None, typer.Option(help="With --simulate: its yaw in the world, rad.")] = None,
+    outline_angle: Annotated[
+        float | None,
+        typer.Option(help="With --simulate: how far its outline is turned in the hand, rad; see `table show`."),
+    ] = None,
     seed: Annotated[int | None, typer.Option(help="With --simulate: seed of the arm's imperfections.")] = None,
     arm_faults: Annotated[
         Path | None,
@@ -186,7 +190,13 @@ def run(
     """
     from controller.service.launch import Launch, launch
 
-    scene = {"object": object_, "object_xyz_m": object_xyz, "object_yaw_rad": object_yaw, "seed": seed}
+    scene = {
+        "object": object_,
+        "object_xyz_m": object_xyz,
+        "object_yaw_rad": object_yaw,
+        "outline_angle_rad": outline_angle,
+        "seed": seed,
+    }
     given = {name: value for name, value in scene.items() if value is not None}
     more = {"pendant": pendant, "arm_faults": arm_faults, "motor_faults": motor_faults}
     options = ", ".join([*given, *(name for name, value in more.items() if value is not None)])
@@ -244,6 +254,10 @@ def status(endpoint: Endpoint = None, config: Config = None, as_json: AsJson = F
     print(
         f"hand          {hand['state']}, tension {hand['tension_N'][0]:.1f} {hand['tension_N'][1]:.1f} N (right, left)"
     )
+    if "tactile" in state:
+        from controller.pad_map import pad_lines
+
+        print("\n".join(pad_lines(state["tactile"])))
     print(f"grasp         {grasp['phase']}{', fault ' + grasp['fault'] if grasp['fault'] else ''}")
     print(f"table         {told_status['table'] or 'none'}")
     print(f"compensation  {switched}, index {compensation['index']}")

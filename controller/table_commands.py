@@ -25,6 +25,7 @@ from calibration.cluster import cluster as cluster_of
 from calibration.cluster import process_pool
 from calibration.grasp.equilibrium import grasp_system
 from calibration.grasp.force import contact_force_levels
+from calibration.grasp.preposition import first_contact
 from calibration.grasp.specification import GraspSpec
 from calibration.hand.parameters import Hand, load_hand
 from calibration.motion_table import MotionTable, Status
@@ -159,10 +160,12 @@ def show(file: TableFile, as_json: AsJson = False) -> None:
         table = MotionTable.load(file)
         path = equal_path(table)
         hand, taken, grasp = table_inputs(table)
+        outline_rad = first_contact(hand, taken, grasp).outline_angle_rad
         forces = grasping_forces(hand, taken, grasp)
     header = table.header
     if as_json:
-        typer.echo(json.dumps({"file": str(file), "header": msgspec.to_builtins(header), "path": path, **forces}))
+        told = {"file": str(file), "header": msgspec.to_builtins(header), "path": path, **forces}
+        typer.echo(json.dumps(told | {"outline_angle_rad": outline_rad}))
         return
     ends = header.column_end[len(header.column_end) // 2]
     support = f"on its support (friction {taken.support.friction:g})" if grasp.supported and taken.support else "lifted"
@@ -172,7 +175,8 @@ def show(file: TableFile, as_json: AsJson = False) -> None:
         (
             "grasp",
             f"onset split {grasp.onset_split:g}, offset {grasp.object_offset_m * 1e3:g} mm, turned "
-            f"{grasp.object_angle_deg:g}°, fingertip friction {grasp.contact_friction:g}, {grasp.branch}",
+            f"{grasp.object_angle_deg:g}° (outline {outline_rad:+.4f} rad), fingertip friction "
+            f"{grasp.contact_friction:g}, {grasp.branch}",
         ),
         (
             "domain",

@@ -24,13 +24,15 @@ Role = Literal["cycle", "hand", "tactile", "world"]
 class SceneChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What the command line says of the simulated scene; None leaves it to the scene's own default.
 
-    `object` is a name or a file; `object_xyz_m` and `object_yaw_rad` place it in the world; `seed` draws the arm's
-    imperfections. `arm_faults`, `motor_faults`: what goes wrong with the devices, timed from the world's beginning.
+    `object` is a name or a file; `object_xyz_m` and `object_yaw_rad` place it in the world, and `outline_angle_rad`
+    turns its outline further, as first contact places it in the hand; `seed` draws the arm's imperfections.
+    `arm_faults`, `motor_faults`: what goes wrong with the devices, timed from the world's beginning.
     """
 
     object: str | None = None
     object_xyz_m: tuple[Coordinate, Coordinate, Coordinate] | None = None
     object_yaw_rad: Annotated[float, Meta(ge=-6.3, le=6.3)] | None = None
+    outline_angle_rad: Annotated[float, Meta(ge=-6.3, le=6.3)] | None = None
     seed: Annotated[int, Meta(ge=0, le=2**32 - 1)] | None = None
     arm_faults: FaultScript[CanAction | ArmAction] | None = None
     motor_faults: FaultScript[SerialAction] | None = None

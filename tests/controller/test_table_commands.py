@@ -60,6 +60,16 @@ def test_show_prints_the_path(table_file: Path) -> None:
     assert f"{row['pose'][1] * 1e3:.2f}" in text
 
 
+def test_show_tells_how_the_outline_is_turned(table_file: Path, tmp_path: Path) -> None:
+    """What `run --simulate --outline-angle` takes: the mirrored grasp turns the outline the other way."""
+    mirrored = tmp_path / "mirrored.npz"
+    RUN.invoke(app, ["-0.1" if word == "0.1" else word for word in (*SPLIT, "-o", str(mirrored))])
+    files = (table_file, mirrored)
+    there, back = (json.loads(RUN.invoke(app, ["show", str(f), "--json"]).stdout)["outline_angle_rad"] for f in files)
+    assert there != 0.0
+    assert back == pytest.approx(-there, rel=1e-9)
+
+
 def test_show_tells_the_grasping_forces(table_file: Path) -> None:
     """Lifted, each finger must press with m g / (2 μ), and a little more for the force along the contact."""
     shown = json.loads(RUN.invoke(app, ["show", str(table_file), "--json"]).stdout)

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import msgspec
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from controller.config import RobotConfig, load_config
 from controller.service.assembly import configured_hand
+from controller.service.assignment import SceneChoice
 from controller.simulation.scene import Scene, build_devices
 from controller.simulation.virtual_robot import VirtualRobot
+from controller.simulation.world_process import simulated_devices
 from drivers.clock import nanoseconds
 from drivers.dynamixel.control_tables import MODELS, model_by_name
 from drivers.errors import InputError
@@ -55,3 +59,20 @@ def test_a_motor_fault_reaches_the_whole_robot() -> None:
     assert hand["faults"] == ["no_reply"]
     with pytest.raises(InputError, match="motor 9 is not on the bus"):
         robot.add_motor_fault(msgspec.convert({"action": {"kind": "silence", "motors": [9]}}, Fault[SerialAction]))
+
+
+def test_the_command_line_s_outline_reaches_the_world() -> None:
+    """A flat-sided object of a split grasp stands in `run --simulate` as its table has it, not square to the hand."""
+    config = load_config()
+
+    def geometry(choice: SceneChoice) -> NDArray[np.float64]:
+        model = simulated_devices(config, choice, 0).world.parts.model
+        return np.concatenate([model.geom_pos.ravel(), model.geom_quat.ravel(), model.mesh_vert.ravel()])
+
+    square = geometry(SceneChoice(object="rectangle40"))
+    turned = geometry(SceneChoice(object="rectangle40", outline_angle_rad=-0.0453))
+    scene = Scene(object="rectangle40", outline_angle_rad=-0.0453)
+    model = build_devices(config, configured_hand(config), scene).world.parts.model
+    asked = np.concatenate([model.geom_pos.ravel(), model.geom_quat.ravel(), model.mesh_vert.ravel()])
+    assert np.array_equal(turned, asked)
+    assert not np.array_equal(turned, square)
