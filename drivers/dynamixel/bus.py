@@ -10,14 +10,17 @@ Source: dynamixel reference 4, 6.1.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from drivers.errors import BusError, DeviceError, NoReplyError, ProtocolError
 
 BROADCAST = 0xFE
 PING, READ, WRITE, REBOOT, SYNC_READ, SYNC_WRITE, FAST_SYNC_READ = 0x01, 0x02, 0x03, 0x08, 0x82, 0x83, 0x8A
+
+ATTEMPTS = 3
+T = TypeVar("T")
 
 COMM_SUCCESS, COMM_RX_TIMEOUT = 0, -3001
 """Result codes of dynamixel-sdk."""
@@ -86,6 +89,17 @@ class MotorBus(Protocol):
     def surplus(self) -> bytes:
         """Wait one margin after an answer: what comes then is another motor's, with the same id."""
         ...
+
+
+def persistently(act: Callable[[], T]) -> T:
+    """Ask again, up to `ATTEMPTS` times, where an answer was lost or damaged; only what may be asked twice. One
+    bad answer is no reason to refuse a motor. The last failure is raised, and a BusError at once."""
+    for _ in range(ATTEMPTS - 1):
+        try:
+            return act()
+        except (NoReplyError, ProtocolError):
+            continue
+    return act()
 
 
 def motor_name(motor_id: int) -> str:

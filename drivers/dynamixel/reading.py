@@ -16,8 +16,9 @@ from __future__ import annotations
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
-from drivers.dynamixel.bus import MotorBus, Status
+from drivers.dynamixel.bus import MotorBus, Status, persistently
 from drivers.dynamixel.control_tables import MotorModel
 from drivers.dynamixel.registers import INDIRECT_BLOCKS, signed
 from drivers.errors import BusError, DeviceError
@@ -128,7 +129,7 @@ class PairReader:
         if self._model.protocol == 2:
             self._choose_map()
         for index in (0, 1):
-            self._read_all(index)
+            persistently(partial(self._read_all, index))
 
     def read_anew(self, index: int) -> None:
         """A motor that restarted: give it its map again, and read all of it alone. DeviceError."""
@@ -207,18 +208,21 @@ class PairReader:
 
     def _choose_map(self) -> None:
         plan = mapped_plan(self._model)
-        block, wanted = plan.fast, indirect_map(self._model, plan)
-        map_address = INDIRECT_BLOCKS[0][0]
         try:
-            for motor_id in self._ids:
-                if self._bus.read(motor_id, map_address, len(wanted)).parameters != wanted:
-                    self._bus.write(motor_id, map_address, wanted)
-                shown = block.decode(self._bus.read(motor_id, block.address, block.layout.size).parameters)
-                if shown["present_input_voltage"] == 0:
-                    return  # the map was taken, but shows nothing
+            shown = [persistently(partial(self._map, motor_id, plan)) for motor_id in self._ids]
         except BusError:
             raise
         except DeviceError:
             return
+        if not all(values["present_input_voltage"] for values in shown):
+            return  # the map was taken, but shows nothing
         self.plan = plan
-        self._bus.try_fast_read(block.address, block.layout.size, self._ids)
+        fast = plan.fast.address, plan.fast.layout.size, self._ids
+        _ = self._bus.try_fast_read(*fast) or self._bus.try_fast_read(*fast)
+
+    def _map(self, motor_id: int, plan: ReadPlan) -> dict[str, int]:
+        """Give a motor its map, if it has not got it; what it shows."""
+        wanted, block, address = indirect_map(self._model, plan), plan.fast, INDIRECT_BLOCKS[0][0]
+        if self._bus.read(motor_id, address, len(wanted)).parameters != wanted:
+            self._bus.write(motor_id, address, wanted)
+        return block.decode(self._bus.read(motor_id, block.address, block.layout.size).parameters)
