@@ -17,6 +17,7 @@ from drivers.simulated.arm_faults import ArmAction
 from drivers.simulated.can_fault_actions import CanAction
 from drivers.simulated.faults import Fault, FaultScript
 from drivers.simulated.serial_fault_actions import SerialAction
+from drivers.simulated.takktile_fault_actions import TakktileAction
 
 JSON_LINES = (".jsonl", ".ndjson", ".json")
 
@@ -29,6 +30,11 @@ def read_wam_faults(path: Path) -> FaultScript[CanAction | ArmAction]:
 def read_motor_faults(path: Path) -> FaultScript[SerialAction]:
     """The script of simulated tendon motors and their serial bus. Errors: ConfigurationError, likewise."""
     return read_faults(path, FaultScript[SerialAction])
+
+
+def read_takktile_faults(path: Path) -> FaultScript[TakktileAction]:
+    """The script of simulated tactile pads and their bridge. Errors: ConfigurationError, likewise."""
+    return read_faults(path, FaultScript[TakktileAction])
 
 
 def wam_fault(line: str) -> Fault[CanAction | ArmAction]:

@@ -18,13 +18,17 @@ from controller.service.run_directory import RunDirectory
 from controller.service.stop_requests import StopRequests
 from controller.simulation.device_loop import DeviceLoop
 from controller.simulation.stepped_clock import SteppedClock
-from drivers.simulated.takktile import SimulatedTakktile
+from drivers.simulated.faults import FaultScript
+from drivers.simulated.takktile import SimulatedTakktile, two_fingers, uneven
+from drivers.simulated.takktile_fault_actions import TakktileAction
 from drivers.simulated.takktile_lines import TakktileServer
 from drivers.takktile.frames import Cell, Firmware
 
 TAKKTILE_EXAMPLE = (
     "Example: stillgrasp simulate takktile --channel pads.sock --json; in robot.toml, under [tactile]: "
-    'interface = "socket", channel = "pads.sock". Forces, on standard input: right 1.5; or on one cell: 0:2 1.5'
+    'interface = "socket", channel = "pads.sock". Forces, on standard input: right 1.5; or on one cell: 0:2 1.5. '
+    'A fault, in faults.toml: [[fault]] on = "sampling", at_s = 5, for_s = 2, action = { kind = "unplug" }, each on a '
+    "line of its own."
 )
 _MOST_BYTES = 4096
 
@@ -80,7 +84,12 @@ class ForceLines:
 
 
 def serve_takktile(
-    channel: Path | None, firmware: FirmwareName, seed: int, ready: Callable[[str], None], say: Callable[[str], None]
+    channel: Path | None,
+    firmware: FirmwareName,
+    seed: int,
+    faults: FaultScript[TakktileAction],
+    ready: Callable[[str], None],
+    say: Callable[[str], None],
 ) -> None:
     """Serve until a signal comes; `ready` gets the socket's path."""
     with contextlib.ExitStack() as stack:
@@ -91,7 +100,14 @@ def serve_takktile(
             channel = directory.path / "pads"
         clock = SteppedClock()
         forces = ForceLines(0, say)
-        device = SimulatedTakktile(lambda: forces.force_N, firmware=Firmware(firmware.value), seed=seed)
+        device = SimulatedTakktile(
+            lambda: forces.force_N,
+            uneven(two_fingers(), seed),
+            firmware=Firmware(firmware.value),
+            seed=seed,
+            faults=faults,
+            start_ns=clock.now_ns(),
+        )
         server = TakktileServer(channel.absolute(), device, clock)
         stack.callback(server.close)
         loop = DeviceLoop(clock, lambda now_ns: None, [server], server.filenos, say)
@@ -113,14 +129,19 @@ def tell(path: str, as_json: bool, say: Callable[[str], None]) -> None:
 def takktile(
     channel: Annotated[Path | None, typer.Option(help="Socket to serve; else one in a new private directory.")] = None,
     firmware: Annotated[FirmwareName, typer.Option(help="Which bridge it is.")] = FirmwareName.usb,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the cells' noise.")] = 0,
+    faults: Annotated[
+        Path | None, typer.Option(help="Fault script: TOML, or JSON lines (.jsonl).", show_default=False)
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the cells' sensitivities and noise.")] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the socket as one line of JSON when ready.")] = False,
 ) -> None:
     """A TakkTile bridge with two pads of eight cells, rows 0 and 1 right, 2 and 3 left.
 
     Forces come from standard input, a line each: `right 1.5`, `left 0`, or `0:2 1.5` for a weight on one cell, in N.
-    Ctrl-C ends it.
+    No two cells are alike. Ctrl-C ends it.
     """
     from controller.calibration_options import say
+    from controller.simulation.fault_file import read_takktile_faults
 
-    serve_takktile(channel, firmware, seed, partial(tell, as_json=as_json, say=say), say)
+    script: FaultScript[TakktileAction] = FaultScript() if faults is None else read_takktile_faults(faults)
+    serve_takktile(channel, firmware, seed, script, partial(tell, as_json=as_json, say=say), say)

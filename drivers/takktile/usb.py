@@ -19,7 +19,7 @@ _PIPE_ERROR = 32
 """EPIPE: the bridge stalled, that is, refused a request (pyusb gives libusb's errors as errno)."""
 _BUSY = 16
 _NO_ACCESS = 13
-_UDEV = "Install a udev rule that lets your group open 59e3:74c7."
+_UDEV = "Install deploy/udev/99-stillgrasp.rules, which lets your group open 59e3:74c7, and plug it in again."
 
 
 class UsbDevice(Protocol):
