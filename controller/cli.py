@@ -176,6 +176,10 @@ def run(
         Path | None,
         typer.Option(help="With --simulate: the same of the tendon motors; as of `simulate dynamixel --faults`."),
     ] = None,
+    pad_faults: Annotated[
+        Path | None,
+        typer.Option(help="With --simulate: the same of the tactile pads; as of `simulate takktile --faults`."),
+    ] = None,
     tables: Annotated[Path | None, typer.Option(help="Directory of motion tables; else the configured one.")] = None,
     record: Annotated[
         Path | None, typer.Option(help="File to record to (.mcap); else a new one as configured.")
@@ -198,7 +202,7 @@ def run(
         "seed": seed,
     }
     given = {name: value for name, value in scene.items() if value is not None}
-    more = {"pendant": pendant, "arm_faults": arm_faults, "motor_faults": motor_faults}
+    more = {"pendant": pendant, "arm_faults": arm_faults, "motor_faults": motor_faults, "pad_faults": pad_faults}
     options = ", ".join([*given, *(name for name, value in more.items() if value is not None)])
     if not simulate and options:
         raise InputError(f"{options}: only a simulation has these.", help="Add --simulate, or leave them out.")
@@ -211,6 +215,7 @@ def run(
             scene=given,
             arm_faults=arm_faults,
             motor_faults=motor_faults,
+            pad_faults=pad_faults,
             manual_pendant=pendant is Pendant.manual,
             tables=tables,
             record=record,

@@ -17,6 +17,7 @@ from drivers.simulated.arm_faults import ArmAction
 from drivers.simulated.can_fault_actions import CanAction
 from drivers.simulated.faults import FaultScript
 from drivers.simulated.serial_fault_actions import SerialAction
+from drivers.simulated.takktile_fault_actions import TakktileAction
 
 Role = Literal["cycle", "hand", "tactile", "world"]
 
@@ -26,7 +27,7 @@ class SceneChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
     `object` is a name or a file; `object_xyz_m` and `object_yaw_rad` place it in the world, and `outline_angle_rad`
     turns its outline further, as first contact places it in the hand; `seed` draws the arm's imperfections.
-    `arm_faults`, `motor_faults`: what goes wrong with the devices, timed from the world's beginning.
+    `arm_faults`, `motor_faults`, `pad_faults`: what goes wrong with the devices, timed from the world's beginning.
     """
 
     object: str | None = None
@@ -36,6 +37,7 @@ class SceneChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     seed: Annotated[int, Meta(ge=0, le=2**32 - 1)] | None = None
     arm_faults: FaultScript[CanAction | ArmAction] | None = None
     motor_faults: FaultScript[SerialAction] | None = None
+    pad_faults: FaultScript[TakktileAction] | None = None
 
 
 class Assignment(msgspec.Struct, frozen=True, kw_only=True):

@@ -22,6 +22,7 @@ from controller.service.daemon import ButtonSource, Daemon, RunChoices
 from controller.service.recorder import Recorder
 from controller.service.run_directory import RunDirectory
 from controller.service.stop_requests import StopRequests
+from drivers.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class Launch:
     scene: Mapping[str, Any] = field(default_factory=dict)
     arm_faults: Path | None = None
     motor_faults: Path | None = None
+    pad_faults: Path | None = None
     manual_pendant: bool = False
     tables: Path | None = None
     record: Path | None = None
@@ -47,6 +49,8 @@ def launch(choices: Launch, *, say: Callable[[str], None], announce: Callable[[M
     scene = from_document(dict(choices.scene), SceneChoice, "command line")
     if scene.object is not None:
         load_object(scene.object)  # a wrong name is told here, not by a child
+    if choices.pad_faults is not None and config.tactile is None:
+        raise InputError("pad_faults: no tactile pads are configured.", help="Fill in [tactile] of robot.toml.")
     scene = _with_faults(scene, choices)
     with StopRequests() as stop:  # from here on there is something to put in order at the end
         directory = RunDirectory(runtime_directory()) if choices.simulated else None
@@ -85,14 +89,15 @@ def in_simulation(config: RobotConfig, directory: Path) -> RobotConfig:
 
 def _with_faults(scene: SceneChoice, choices: Launch) -> SceneChoice:
     """The scene with the scripts of the command line's files. ConfigurationError."""
-    if choices.arm_faults is None and choices.motor_faults is None:
+    if choices.arm_faults is None and choices.motor_faults is None and choices.pad_faults is None:
         return scene
-    from controller.simulation.fault_file import read_motor_faults, read_wam_faults
+    from controller.simulation.fault_file import read_motor_faults, read_takktile_faults, read_wam_faults
 
     return msgspec.structs.replace(
         scene,
         arm_faults=None if choices.arm_faults is None else read_wam_faults(choices.arm_faults),
         motor_faults=None if choices.motor_faults is None else read_motor_faults(choices.motor_faults),
+        pad_faults=None if choices.pad_faults is None else read_takktile_faults(choices.pad_faults),
     )
 
 

@@ -47,6 +47,11 @@ def motor_fault(line: str) -> Fault[SerialAction]:
     return from_document(_typed(line), Fault[SerialAction], "standard input")
 
 
+def pad_fault(line: str) -> Fault[TakktileAction]:
+    """One fault of the tactile pads, likewise."""
+    return from_document(_typed(line), Fault[TakktileAction], "standard input")
+
+
 def read_faults(path: Path, script: type[FaultScript[Any]]) -> FaultScript[Any]:
     """A script whose type, `FaultScript[…]`, names the actions of a device. Errors: ConfigurationError."""
     if path.suffix in JSON_LINES:

@@ -1,7 +1,7 @@
 """The operator of a simulated pendant at a keyboard, or a program: buttons on a descriptor, a word a line.
 
 A line that begins with a brace is no button but a fault of the arm, a JSON object as `fault_file.py` takes it; one that
-begins with "motors" and a brace, a fault of the tendon motors.
+begins with "motors" and a brace, a fault of the tendon motors; with "pads", one of the tactile pads.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable
 from drivers.errors import InputError
 from drivers.simulated.safety_puck import button_named
 
-MOTORS = "motors"
+MOTORS, PADS = "motors", "pads"
 _LONGEST_LINE_BYTES = 1000
 
 
@@ -67,4 +67,4 @@ class PendantLines:
 
 def is_fault(line: str) -> bool:
     """Whether a line is a fault rather than a button."""
-    return line.removeprefix(MOTORS).lstrip().startswith("{")
+    return line.removeprefix(MOTORS).removeprefix(PADS).lstrip().startswith("{")

@@ -19,6 +19,7 @@ from drivers.simulated.dynamixel_electrics import electrics_of
 from drivers.simulated.faults import FaultScript
 from drivers.simulated.serial_fault_actions import SerialAction
 from drivers.simulated.takktile import SimulatedCell, SimulatedTakktile, uneven
+from drivers.simulated.takktile_fault_actions import TakktileAction
 from drivers.simulated.wam import SimulatedWam
 from drivers.wam.parameters import load_wam_parameters
 
@@ -63,10 +64,12 @@ def build_devices(
     start_ns: int = 0,
     zeroed: bool = True,
     motor_faults: FaultScript[SerialAction] | None = None,
+    pad_faults: FaultScript[TakktileAction] | None = None,
 ) -> Devices:
     """World, arm and tendon motors for one scene. `zeroed`: the pucks remember the arm's positions.
 
-    The motors are those of `tendons.model`, without it XM430-W350; `motor_faults` is what goes wrong with them.
+    The motors are those of `tendons.model`, without it XM430-W350; `motor_faults` is what goes wrong with them,
+    `pad_faults` with the tactile pads, where there are some.
     """
     parameters = load_wam_parameters()
     model = XM430_W350 if config.tendons.model is None else model_by_name(config.tendons.model)
@@ -113,15 +116,17 @@ def build_devices(
     )
     period_s = world.physics_period_ns * 1e-9
     world.call_before_each_step(lambda now_ns: motors.control(now_ns, period_s))
-    pads = None if config.tactile is None else _pads(config.tactile, world, scene.seed, start_ns)
+    pads = None if config.tactile is None else _pads(config.tactile, world, scene.seed, pad_faults, start_ns)
     return Devices(world, SimulatedWam(world, parameters, zeroed=zeroed), motors, pads)
 
 
-def _pads(tactile: Tactile, world: World, seed: int, start_ns: int) -> SimulatedTakktile:
+def _pads(
+    tactile: Tactile, world: World, seed: int, faults: FaultScript[TakktileAction] | None, start_ns: int
+) -> SimulatedTakktile:
     """The configured cells, no two alike, each bearing its share of its fingertip's force."""
     cells = [
         SimulatedCell(cell, finger, share=1.0 / len(mapped))
         for finger, mapped in enumerate(configured_cells(tactile, side) for side in SIDES)
         for cell in mapped
     ]
-    return SimulatedTakktile(world.fingertip_force_N, uneven(cells, seed), seed=seed, start_ns=start_ns)
+    return SimulatedTakktile(world.fingertip_force_N, uneven(cells, seed), seed=seed, faults=faults, start_ns=start_ns)

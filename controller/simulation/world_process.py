@@ -22,8 +22,8 @@ from controller.service.lifeline import Lifeline, Word
 from controller.service.realtime import RealtimeSettings, enter_realtime
 from controller.service.stop_requests import StopRequests
 from controller.simulation.device_loop import DeviceLoop, HasFileno
-from controller.simulation.fault_file import motor_fault, wam_fault
-from controller.simulation.pendant_lines import MOTORS
+from controller.simulation.fault_file import motor_fault, pad_fault, wam_fault
+from controller.simulation.pendant_lines import MOTORS, PADS
 from controller.simulation.scene import Devices, Scene, build_devices
 from controller.simulation.stepped_clock import SteppedClock
 from drivers.clock import nanoseconds
@@ -87,10 +87,8 @@ def simulated_devices(
     """
     chosen = {name: value for name, value in msgspec.structs.asdict(choice).items() if value is not None}
     chosen.pop("arm_faults", None)
-    motor_faults = chosen.pop("motor_faults", None)
-    devices = build_devices(
-        config, configured_hand(config), Scene(**chosen, **scene), start_ns=start_ns, motor_faults=motor_faults
-    )
+    scripts = {name: chosen.pop(name, None) for name in ("motor_faults", "pad_faults")}
+    devices = build_devices(config, configured_hand(config), Scene(**chosen, **scene), start_ns=start_ns, **scripts)
     options = {"zeroed": True, "safety": PATIENT, "start_ns": start_ns, **(arm or {})}
     wam = SimulatedWam(devices.world, load_wam_parameters(), **options)
     return replace(devices, wam=wam)
@@ -135,6 +133,11 @@ def _begin_fault(line: str, devices: Devices, hub: SeqpacketHub, now_ns: int, sa
     try:
         if line.startswith(MOTORS):
             devices.motors.faults.add(motor_fault(line.removeprefix(MOTORS)), now_ns)
+            return
+        if line.startswith(PADS):
+            if devices.pads is None:
+                raise InputError("no tactile pads are configured.", help="Fill in [tactile] of robot.toml.")
+            devices.pads.add_fault(pad_fault(line.removeprefix(PADS)), now_ns)
             return
         faults = hub.faults
         if faults is None:
