@@ -196,7 +196,9 @@ class Cycle(_Table, frozen=True):
 
 
 class Compensation(_Table, frozen=True):
-    """Which index drives the compensation, and the limits of the wrist's offset."""
+    """Which index drives the compensation, and the limits of the wrist's offset. `tendon_stiffness_uncertainty`:
+    relative standard deviation of the hand file's tendon stiffness; a braided line's is known to 30 %, unless measured.
+    """
 
     enabled: bool
     index: Literal["load", "excursion", "fused"]
@@ -208,6 +210,7 @@ class Compensation(_Table, frozen=True):
     velocity_rad_s: Annotated[float, Meta(gt=0, le=5)]
     acceleration_rad_s2: Annotated[float, Meta(gt=0, le=100)]
     jerk_rad_s3: Annotated[float, Meta(gt=0, le=100000)]
+    tendon_stiffness_uncertainty: Annotated[float, Meta(ge=0, le=1)] = 0.3
 
 
 class Tactile(_Table, frozen=True):

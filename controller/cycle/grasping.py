@@ -220,7 +220,7 @@ class Grasping:
         self._gripped_at_fault = self.gripping
         self.enter(GraspEvent.FAULT)
         if self.reading is not None and self._index is not None:
-            self._profile.place(self.reading.mean_m + self._index.mean_shift_m)
+            self._profile.place(self._index.winding_m)
 
     def step(self, hand: HandState | None, sample_ns: int, now_ns: int, throttle: float) -> HandSetPoint:
         """One period: wind, observe, look up; returns what the hand shall do."""
@@ -241,7 +241,7 @@ class Grasping:
             self._watch_load(hand)
             if self.phase is GraspPhase.CLOSING and is_winding:
                 self._search(self.table, hand, now_ns)
-        self.reading = self._index.advance(self.winding, self.index_kind, winding=is_winding)
+        self.reading = self._index.advance(self.winding, self.index_kind)
         self._aim(self.table, self.reading)
         self._finish()
         return self._drive(self.table)

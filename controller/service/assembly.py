@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from controller.cycle.inverse_kinematics import DifferentialInverseKinematics
 from controller.cycle.joint_bounds import JointLimits
 from controller.cycle.joint_control import JointControl
 from controller.cycle.joint_gains import TorqueLimits, preset_gains
+from controller.cycle.motion_index import IndexSettings
 from controller.cycle.orders import Orders
 from controller.cycle.safety import SafetyLimits, SafetyMonitor
 from controller.cycle.soft_limits import SoftLimits
@@ -39,6 +41,14 @@ INDEX_NAMES = {
     "load": CompensationIndex.LOAD,
     "fused": CompensationIndex.FUSED,
 }
+
+
+CONTACT_DEVIATION_M = 5e-5
+"""Standard deviation of the contact that is found, beside the motor's tick."""
+ONSET_DEVIATION_N = 1.0
+"""Of the load that is taken for contact's, beside what the motor's tick is worth."""
+SPRINGS_DEVIATION = 0.1
+"""Relative, of the finger springs' stiffness, as far as it is not yet in the load law's."""
 
 
 def configured_hand(config: RobotConfig) -> Hand:
@@ -114,6 +124,7 @@ def cycle_parts(config: RobotConfig, bus: CanBus, clock: Clock) -> Parts:
             closing_rate_m_s=squeeze.closing_rate_m_s,
             load_cap_N=squeeze.load_cap_N,
             drives=motor_drives(config),
+            index=index_settings(config),
             winding=WindingLimits(
                 max(squeeze.closing_rate_m_s, squeeze.squeeze_rate_m_s), squeeze.acceleration_m_s2, squeeze.jerk_m_s3
             ),
@@ -153,6 +164,25 @@ def motor_drives(config: RobotConfig) -> tuple[MotorDrive, MotorDrive]:
     """How the position loops of both configured motors, right and left, give way: their model's, or as measured."""
     tendons = config.tendons
     return _motor_drive(tendons, tendons.right), _motor_drive(tendons, tendons.left)
+
+
+def index_settings(config: RobotConfig) -> IndexSettings:
+    """How far excursion and load of the configured motors are trusted: the worse of both counts."""
+    tendons = config.tendons
+    motors = _motor(tendons, tendons.right), _motor(tendons, tendons.left)
+    loops = [position_loop(settings, settings.expected_model or XM430_W350) for settings in motors]
+    tick_m = max(loop.resolution_m for loop in loops)
+    tick_N = max(loop.resolution_m / loop.compliance_m_per_N for loop in loops)  # the output's step from tick to tick
+    slope = max(settings.load_law.slope_uncertainty for settings in motors)
+    return IndexSettings(
+        resolution_m=0.5 * tick_m,
+        tension_lag_s=tendons.effort_filter_s,
+        contact_deviation_m=math.hypot(CONTACT_DEVIATION_M, tick_m / math.sqrt(12.0)),
+        stiffness_deviation=config.compensation.tendon_stiffness_uncertainty,
+        scale_deviation=math.hypot(slope, SPRINGS_DEVIATION),
+        onset_deviation_N=math.hypot(ONSET_DEVIATION_N, tick_N / math.sqrt(12.0)),
+        noise_N=max(tick_N, ONSET_DEVIATION_N),
+    )
 
 
 def _motor_drive(tendons: Tendons, motor: TendonMotor) -> MotorDrive:

@@ -22,7 +22,7 @@ from controller.messages import CompensationIndex, HandState, Pair
 TABLE = PlanarTable(build_table(load_hand("t42pp"), load_object("cylinder40"), GraspSpec(), nodes=13))
 PERIOD_S = 0.002
 CONTACT_ZONE_M = 1.2e-3
-SETTINGS = IndexSettings()
+SETTINGS = IndexSettings(tension_lag_s=0.0)  # these tensions are not filtered
 LAG_S = SETTINGS.excursion.lag_s
 SAMPLE_EVERY, SAMPLE_AGE_NS = 3, 2_000_000
 END_M = 0.0030
@@ -88,7 +88,7 @@ class Grip:
             if self.step % SAMPLE_EVERY == 0:
                 friction_N = self.friction_N if winding else -self.friction_N
                 self.index.take(self.measured(friction_N), now_ns, now_ns, winding=winding)
-            yield self.index.advance(state, self.kind, winding=winding)
+            yield self.index.advance(state, self.kind)
 
     def touch(self) -> None:
         """Wind to contact, and let it be found."""
