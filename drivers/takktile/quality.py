@@ -144,8 +144,9 @@ class QualityWatch:
         self._lost = lost
         weight = 1.0 - exp(-elapsed_s / self._settings.noise_s)
         opposed = -np.sign(difference * before) * np.minimum(np.abs(difference), np.abs(before)) ** 2
-        self._variance += weight * (opposed / _OPPOSED_OF_WHITE - self._variance)
-        self._counts, self._difference = counts, difference
         limit = self._settings.noisy_counts**2
+        opposed = np.clip(opposed / _OPPOSED_OF_WHITE, -16.0 * limit, 16.0 * limit)  # so that its end shows soon
+        self._variance += weight * (opposed - self._variance)
+        self._counts, self._difference = counts, difference
         self._noisy = (self._variance > limit) | (self._noisy & (self._variance > 0.25 * limit))
         return self._noisy
