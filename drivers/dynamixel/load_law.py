@@ -184,8 +184,19 @@ class LoadLaw:
             return 1.0
         lowest_C, highest_C = _TEMPERATURES_C
         rise_K = max(lowest_C, min(highest_C, temperature_C)) - self.temperature_C
-        resistance = 1.0 if self.voltage_V is None else 1.0 + RESISTANCE_PER_K * rise_K
-        return (1.0 - MAGNET_LOSS_PER_K * rise_K) / resistance
+        return torque_at_heat(rise_K, by_load=self.voltage_V is not None)
+
+
+def torque_at_heat(rise_K: float, *, by_load: bool) -> float:
+    """Torque of a motor that is warmer by this much, as a part of what the same current, or load, gave before."""
+    return (1.0 - MAGNET_LOSS_PER_K * rise_K) / (1.0 + RESISTANCE_PER_K * rise_K if by_load else 1.0)
+
+
+def published_law(model: MotorModel, spool_radius_m: float) -> LoadLaw:
+    """The law of a model by what is published of it, at 12 V."""
+    if model.effort == "current":
+        return current_law(model, spool_radius_m)
+    return nominal_law(model, spool_radius_m)
 
 
 def current_law(

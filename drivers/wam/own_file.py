@@ -11,7 +11,7 @@ import json
 import os
 import tempfile
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -32,15 +32,18 @@ def read_flat_toml(file: Path) -> dict[str, Any]:
         raise ConfigurationError(file, "file", str(error), "a readable TOML file") from error
 
 
-def write_own_file(file: Path, changes: Mapping[str, object], *, header: str = _HEADER) -> None:
-    """Lay `changes` over the keys of `file`, which need not exist yet; all or nothing.
+def write_own_file(
+    file: Path, changes: Mapping[str, object], *, without: Collection[str] = (), header: str = _HEADER
+) -> None:
+    """Lay `changes` over the keys of `file`, which need not exist yet, `without` some that it had; all or nothing.
 
-    Values are numbers, strings, or lists of them, nested at will; `header` is the comment at its top. Raises
-    ConfigurationError if an existing file is not TOML, and InputError if the new one cannot be written: the old one
-    then stands as it was.
+    Values are numbers, strings, or lists and inline tables of them, nested at will; `header` is the comment at its top.
+    Raises ConfigurationError if an existing file is not TOML, and InputError if the new one cannot be written: the old
+    one then stands as it was.
     """
     before = read_flat_toml(file) if file.exists() else {}
-    lines = [f"{key} = {_written(key, value)}\n" for key, value in {**before, **changes}.items()]
+    kept = {key: value for key, value in before.items() if key not in without}
+    lines = [f"{key} = {_written(key, value)}\n" for key, value in {**kept, **changes}.items()]
     text = f"{header}\n{''.join(lines)}"
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -62,7 +65,12 @@ def _written(key: str, value: object) -> str:
         return repr(value)
     if isinstance(value, list | tuple):
         return f"[{', '.join(_written(key, item) for item in value)}]"
-    raise InputError(f"{key} = {value!r} cannot be written; expected finite numbers, strings or lists of them.")
+    if isinstance(value, Mapping):
+        items = (f"{name} = {_written(f'{key}.{name}', item)}" for name, item in value.items())
+        return f"{{ {', '.join(items)} }}"
+    raise InputError(
+        f"{key} = {value!r} cannot be written; expected finite numbers, strings, or lists and tables of them."
+    )
 
 
 def _replace(file: Path, content: bytes) -> None:

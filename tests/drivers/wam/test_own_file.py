@@ -43,7 +43,7 @@ def test_what_is_written_is_read_back(
     assert tomllib.loads(file.read_bytes().decode()) == {"numbers": numbers, "text": text}
 
 
-@pytest.mark.parametrize("bad", [float("nan"), float("inf"), None, {"a": 1}, [float("nan")]])
+@pytest.mark.parametrize("bad", [float("nan"), float("inf"), None, {"a": None}, [float("nan")]])
 def test_values_that_do_not_belong_there_change_nothing(tmp_path: Path, bad: object) -> None:
     """Protects the file from a calibration that failed without noticing."""
     file = tmp_path / "arm.toml"
@@ -53,6 +53,14 @@ def test_values_that_do_not_belong_there_change_nothing(tmp_path: Path, bad: obj
         write_own_file(file, {"zero_angle_rad": bad})
     assert file.read_bytes() == before
     assert not file.with_name("arm.toml.bak").exists()
+
+
+def test_tables_are_kept_and_keys_taken_out(tmp_path: Path) -> None:
+    """What belongs to a part that is no longer there must not stay; a table among the others comes back as it was."""
+    file = tmp_path / "motors.toml"
+    write_own_file(file, {"law": {"model": "X", "at": [1, 2.5]}, "old": 1})
+    write_own_file(file, {"new": 2}, without=("old", "never_there"))
+    assert tomllib.loads(file.read_text()) == {"law": {"model": "X", "at": [1, 2.5]}, "new": 2}
 
 
 def test_a_place_where_nothing_can_be_written_is_named(tmp_path: Path) -> None:
