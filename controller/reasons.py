@@ -86,6 +86,11 @@ EXPLANATIONS: Final[dict[Reason, Explanation]] = {
     Reason.TABLE_END_REACHED: Explanation(
         "table_end_reached", "The motion table's end came first; both tendons stopped.", "The excursion is reported."
     ),
+    Reason.OFF_CENTRE: Explanation(
+        "off_centre",
+        "One finger touched well before the other and pushed the object.",
+        "The object stood object_offset_m off the hand's axis: the motion before its grip was not compensated.",
+    ),
     Reason.TRACKING_ERROR: Explanation(
         "tracking_error",
         "A joint is too far from where it was commanded.",

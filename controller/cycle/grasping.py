@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from calibration.motion_table import MotionTable, Status
 from controller.cycle.compensation import STILL, PlanarMotion, hand_offset
-from controller.cycle.contact import ContactSettings, FingerContact, FingerExpectation, Touch
+from controller.cycle.contact_search import ContactSearch, SearchSettings
 from controller.cycle.grasp_state import COMPENSATED, GRIPPING, GraspEvent, GraspPhase, HandStatus, next_phase
 from controller.cycle.motion_index import IndexReading, IndexSettings, MotionIndex
 from controller.cycle.pads import PadWatch
@@ -46,8 +46,8 @@ class GraspSettings:
     closing_rate_m_s: float = 0.012
     contact_rate_m_s: float = 0.001  # near the expected contact: found within few samples, and the arm starts gently
     contact_zone_m: float = 1.2e-3
-    winding_rate_m_s: float = 6.5e-4  # below it the motor may as well stand, and its load says nothing
-    search_end_m: float = 0.8e-3  # contact is given up this far past the expected one
+    search_end_m: float = 1.1e-3  # contact is given up this far past the expected one
+    overdue_m: float = 0.3e-3  # contact where it is expected is found by then
     release_rate_m_s: float = 0.010
     load_cap_N: float = 110.0
     free_load_cap_N: float = 60.0  # while closing nothing should resist; also the cap of an open hand
@@ -55,7 +55,7 @@ class GraspSettings:
     winding: WindingLimits = field(default_factory=WindingLimits)
     drives: tuple[MotorDrive, MotorDrive] = (MotorDrive(), MotorDrive())
     reversal_time_s: float = 0.1  # in which the lead that friction needs turns over, so that the goal does not jump
-    contact: ContactSettings = field(default_factory=ContactSettings)
+    search: SearchSettings = field(default_factory=SearchSettings)
     index: IndexSettings = field(default_factory=IndexSettings)
 
 
@@ -77,7 +77,7 @@ class Grasping:
         self._settings = settings
         self._profile = WindingProfile(period_s, settings.winding)
         self._index: MotionIndex | None = None
-        self._fingers: tuple[FingerContact, FingerContact] | None = None
+        self._contact: ContactSearch | None = None
         self._token = 0
         self._searching = False
         self._opening = False
@@ -148,8 +148,7 @@ class Grasping:
         settings = self._settings
         self._index = MotionIndex(table, self._period_s, settings.index, settings.contact_zone_m)
         self._index.start(hand)
-        right, left = (self._expectation(table, finger) for finger in (0, 1))
-        self._fingers = (FingerContact(settings.contact, right), FingerContact(settings.contact, left))
+        self._contact = ContactSearch(settings.search, table, self.pads)
         self._supply_V = (
             _supply_V(hand.voltage_V[0], settings.drives[0]),
             _supply_V(hand.voltage_V[1], settings.drives[1]),
@@ -240,15 +239,17 @@ class Grasping:
             self._index.take(hand, sample_ns, now_ns, winding=is_winding)
             self._watch_load(hand)
             if self.phase is GraspPhase.CLOSING and is_winding:
-                self._search(self.table, hand, now_ns)
+                self._search(hand, now_ns)
         self.reading = self._index.advance(self.winding, self.index_kind)
         self._aim(self.table, self.reading)
-        self._finish()
+        self._finish(now_ns)
         return self._drive(self.table)
 
     def _aim(self, table: PlanarTable, reading: IndexReading) -> None:
-        """The wanted hand offset; outside the table the last one stands: nothing is extrapolated."""
-        if reading.usable:
+        """The wanted hand offset; outside the table the last one stands: nothing is extrapolated. So it does while
+        contact is overdue: the object stands later than the table has it, and nothing moves it yet."""
+        overdue = self.phase is GraspPhase.CLOSING and reading.mean_m > self._settings.overdue_m
+        if reading.usable and not overdue:
             motion = reading.motion
             self.offset_target = hand_offset(table.contact_pose, motion.pose, motion.rate, motion.acceleration)
         else:
@@ -285,27 +286,23 @@ class Grasping:
         arrived, self._was_prepositioned = prepositioned and not self._was_prepositioned, prepositioned
         pads.step(free=is_open or approaching, take_zero=arrived, now_ns=now_ns)
 
-    def _search(self, table: PlanarTable, hand: HandState, now_ns: int) -> None:
+    def _search(self, hand: HandState, now_ns: int) -> None:
         """Feed both fingers' contact search; both touching is contact."""
-        assert self._fingers is not None
+        assert self._contact is not None
+        outcome = self._contact.take(
+            hand, self._last_sample_ns, now_ns, rate_m_s=self.winding.rate_m_s, slow=self._searching
+        )
+        if outcome is Reason.NONE:
+            self._grip(self._contact)
+        elif outcome is not None:
+            self._give_up(outcome)
+
+    def _grip(self, contact: ContactSearch) -> None:
+        """Both fingers touch: the index goes by where, and the command is completed once the tendons stand."""
         assert self._index is not None
-        compliance = table.compliance_m_per_N
-        for i, finger in enumerate(self._fingers):
-            pad = None if self.pads is None else self.pads.finger(i, now_ns)
-            excursion_m = hand.excursion_m[i] - hand.tension_N[i] * compliance[i]
-            if hand.rate_m_s[i] > self._settings.winding_rate_m_s:
-                finger.take(excursion_m, hand.tension_N[i], slow=self._searching, padded=pad is not None)
-            if pad is not None and pad.touching:
-                since_s = (self._last_sample_ns - pad.onset_ns) * 1e-9
-                finger.take_pad(excursion_m - since_s * self.winding.rate_m_s)
-        right, left = self._fingers[0].touch, self._fingers[1].touch
-        if right is Touch.EARLY or left is Touch.EARLY:
-            self._give_up(Reason.CONTACT_UNEXPECTED)
-        elif right is Touch.TOUCHING and left is Touch.TOUCHING:
-            found: Pair = (self._fingers[0].contact_excursion_m, self._fingers[1].contact_excursion_m)
-            self._index.set_contact(found, (self._fingers[0].onset_load_N, self._fingers[1].onset_load_N))
-            self.enter(GraspEvent.CONTACT_FOUND)
-            self._stop_reason = Reason.NONE  # the command is completed once the tendons stand
+        self._index.set_contact(contact.gripped_m, contact.onset_load_N)
+        self.enter(GraspEvent.CONTACT_FOUND)
+        self._stop_reason = Reason.NONE
 
     def _give_up(self, reason: Reason) -> None:
         """Open again and stay before the object."""
@@ -322,7 +319,7 @@ class Grasping:
         if self._stop_reason is None or self._stop_reason is Reason.NONE:
             self._stop_reason = reason
 
-    def _finish(self) -> None:
+    def _finish(self, now_ns: int) -> None:
         """What comes when the profile has ended or a halt has come to rest."""
         ended = self._profile.end_if_standing() if self._stop_reason is not None else self._profile.finished
         if not ended:
@@ -334,14 +331,18 @@ class Grasping:
                 self._searching = True
                 self._profile.move(self._settings.search_end_m, rate_m_s=self._settings.contact_rate_m_s)
             else:
-                assert self._fingers is not None
-                touching = sum(finger.touch is Touch.TOUCHING for finger in self._fingers)
-                self._give_up(Reason.ONE_SIDED_CONTACT if touching else Reason.NO_CONTACT)
+                assert self._contact is not None
+                outcome = self._contact.conclude(now_ns)
+                if outcome is Reason.NONE:
+                    self._grip(self._contact)
+                else:
+                    self._give_up(outcome)
         elif self.phase is GraspPhase.CONTACT and self._token:
-            assert self._fingers is not None
+            assert self._contact is not None
             assert self.table is not None
-            found = (self._fingers[0].contact_excursion_m, self._fingers[1].contact_excursion_m)
-            self._end_token(EventKind.COMPLETED, Reason.NONE, (*found, *self.table.contact_excursion_m))
+            contact = self._contact
+            told = (*contact.found_m, *self.table.contact_excursion_m, contact.object_offset_m)
+            self._end_token(EventKind.COMPLETED, Reason.OFF_CENTRE if contact.off_centre else Reason.NONE, told)
         elif self.phase is GraspPhase.SQUEEZING:
             self.enter(GraspEvent.SQUEEZED)
             assert self._index is not None
@@ -359,16 +360,6 @@ class Grasping:
         if self._token:
             self.outcomes.append(Outcome(kind, self._token, reason, values))
             self._token = 0
-
-    @staticmethod
-    def _expectation(table: PlanarTable, finger: int) -> FingerExpectation:
-        """Slopes of one finger's free-closing and loaded line, the latter over the first 0.2 mm past contact."""
-        near, far = table.at_excursion(0.0, 0.0).tension_N, table.at_excursion(2e-4, 0.0).tension_N
-        return FingerExpectation(
-            table.contact_excursion_m[finger],
-            table.free_slope_N_per_m[finger],
-            (far[finger] - near[finger]) / 2e-4,
-        )
 
 
 def _supply_V(measured_V: float, drive: MotorDrive) -> float:

@@ -13,6 +13,7 @@ from controller.config import RobotConfig, TendonMotor, Tendons
 from controller.cycle.arm_model import ArmFriction, ArmModel, RigidBody
 from controller.cycle.arm_motion import ArmMotion, ArmMotionLimits
 from controller.cycle.compensation import OffsetLimits, OffsetSmoother, WristOffset
+from controller.cycle.contact_search import SearchSettings
 from controller.cycle.cycle import CycleSettings, Parts
 from controller.cycle.grasping import Grasping, GraspSettings, MotorDrive
 from controller.cycle.inverse_kinematics import DifferentialInverseKinematics
@@ -41,7 +42,6 @@ INDEX_NAMES = {
     "load": CompensationIndex.LOAD,
     "fused": CompensationIndex.FUSED,
 }
-
 
 CONTACT_DEVIATION_M = 5e-5
 """Standard deviation of the contact that is found, beside the motor's tick."""
@@ -124,6 +124,7 @@ def cycle_parts(config: RobotConfig, bus: CanBus, clock: Clock) -> Parts:
             closing_rate_m_s=squeeze.closing_rate_m_s,
             load_cap_N=squeeze.load_cap_N,
             drives=motor_drives(config),
+            search=SearchSettings(load_lag_s=config.tendons.effort_filter_s),
             index=index_settings(config),
             winding=WindingLimits(
                 max(squeeze.closing_rate_m_s, squeeze.squeeze_rate_m_s), squeeze.acceleration_m_s2, squeeze.jerk_m_s3

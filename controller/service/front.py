@@ -345,8 +345,11 @@ def _applied(command: asked.Command, event: CycleEvent) -> dict[str, Any]:
     if isinstance(command, asked.GraspSqueeze) and len(event.values) == 3:
         mean_m, load_N, model_load_N = event.values
         applied = {"applied": {"mean_excursion_m": mean_m, "measured_load_N": load_N, "table_load_N": model_load_N}}
-    elif isinstance(command, asked.GraspClose) and len(event.values) == 4:
-        applied = {"contact_excursion_m": list(event.values[:2]), "expected_excursion_m": list(event.values[2:])}
+    elif isinstance(command, asked.GraspClose) and len(event.values) == 5:
+        found, expected, object_offset_m = list(event.values[:2]), list(event.values[2:4]), event.values[4]
+        applied = {"contact_excursion_m": found, "expected_excursion_m": expected}
+        if event.reason is Reason.OFF_CENTRE:
+            applied["object_offset_m"] = object_offset_m
     if event.reason is not Reason.NONE:
         explanation = EXPLANATIONS[event.reason]
         applied["reason"] = {"code": explanation.code, "message": explanation.message}

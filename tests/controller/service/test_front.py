@@ -174,9 +174,20 @@ def test_where_contact_was_found_is_told(office: Office) -> None:
     office.ask("grasp.close")
     (command,) = office.heard()
     office.tell(EventKind.ACCEPTED, command.token)
-    office.tell(EventKind.COMPLETED, command.token, Reason.NONE, 0.0121, 0.0119, 0.0120, 0.0120)
+    office.tell(EventKind.COMPLETED, command.token, Reason.NONE, 0.0121, 0.0119, 0.0120, 0.0120, 0.0)
     event = office.answers()[-1]
     assert (event["contact_excursion_m"], event["expected_excursion_m"]) == ([0.0121, 0.0119], [0.0120, 0.0120])
+    assert "object_offset_m" not in event
+
+
+def test_an_object_off_the_hands_axis_is_told(office: Office) -> None:
+    """The grasp holds, but off-centre: the event warns, and says about how far the object stood off."""
+    office.ask("grasp.close")
+    (command,) = office.heard()
+    office.tell(EventKind.ACCEPTED, command.token)
+    office.tell(EventKind.COMPLETED, command.token, Reason.OFF_CENTRE, 0.0114, 0.0121, 0.0120, 0.0120, 0.006)
+    event = office.answers()[-1]
+    assert (event["event"], event["reason"]["code"], event["object_offset_m"]) == ("completed", "off_centre", 0.006)
 
 
 @pytest.mark.parametrize("accepted", [False, True])

@@ -1,0 +1,123 @@
+"""The search for first contact with both fingers: what each found, what the grasp goes by, whether it is off-centre.
+
+Both fingers wind at equal rate through the contact zone. If the object stands off the hand's axis, one finger touches
+first and pushes the object before it, against the support's drag, until the other touches too: only then it is gripped.
+So the motion table begins at the later of both contacts where they lie far apart, and at each finger's own where they
+do not. Excursions are finger-side, m; order right, left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from controller.cycle.contact import ContactSettings, FingerContact, FingerExpectation, Touch
+from controller.cycle.pads import PadWatch
+from controller.cycle.planar_table import PlanarTable
+from controller.messages import HandState, Pair, Reason
+
+_LOADED_LINE_M = 2e-4
+"""Of the table past contact, over which the loaded line's slope is taken."""
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """How contact is looked for, and when it is off-centre."""
+
+    finger: ContactSettings = field(default_factory=ContactSettings)
+    turning_rate_m_s: float = 3e-4  # of a spool that winds; slower, gear friction may hide its load
+    load_lag_s: float = 0.01  # of the tension behind the excursion: the load law's filter
+    off_centre_m: float = 2e-4  # of excursion between both contacts: some 2 mm of object
+
+
+class ContactSearch:
+    """Both fingers' search in one closing."""
+
+    def __init__(self, settings: SearchSettings, table: PlanarTable, pads: PadWatch | None) -> None:
+        self._settings = settings
+        self._table = table
+        self._pads = pads
+        right, left = (expectation(table, finger) for finger in (0, 1))
+        self.fingers = (FingerContact(settings.finger, right), FingerContact(settings.finger, left))
+
+    @property
+    def found_m(self) -> Pair:
+        """Each finger's own first contact; the table's where none was found."""
+        return self.fingers[0].contact_excursion_m, self.fingers[1].contact_excursion_m
+
+    @property
+    def onset_load_N(self) -> Pair:
+        """Measured load at contact, N, on the free lines."""
+        return self.fingers[0].onset_load_N, self.fingers[1].onset_load_N
+
+    @property
+    def spread_m(self) -> float:
+        """By how much the right finger touched later than the left, against the table."""
+        found, expected = self.found_m, self._table.contact_excursion_m
+        return (found[0] - expected[0]) - (found[1] - expected[1])
+
+    @property
+    def off_centre(self) -> bool:
+        """Whether the fingers touched so far apart that the object stood off the hand's axis."""
+        return abs(self.spread_m) > self._settings.off_centre_m
+
+    @property
+    def gripped_m(self) -> Pair:
+        """The contact excursions that the grasp goes by."""
+        if not self.off_centre:
+            return self.found_m
+        right, left = self._table.contact_excursion_m
+        later_m = max(self.found_m[0] - right, self.found_m[1] - left)
+        return right + later_m, left + later_m
+
+    @property
+    def object_offset_m(self) -> float:
+        """About how far along the hand's x axis the object stood off where the table has it; 0 unless off-centre.
+
+        The table tells how far both fingertips shift the object per metre of excursion difference; the first finger
+        alone, which moves by half of that difference, pushed it all the way.
+        """
+        if not self.off_centre:
+            return 0.0
+        return 2.0 * self._table.at_excursion(0.0, 0.0).along_second[0] * self.spread_m
+
+    def take(self, hand: HandState, sample_ns: int, now_ns: int, *, rate_m_s: float, slow: bool) -> Reason | None:
+        """One sample of the hand, wound at the commanded `rate_m_s`; what it says (see `outcome`)."""
+        for i, finger in enumerate(self.fingers):
+            wound_m, tension_N = hand.excursion_m[i], hand.tension_N[i]
+            excursion_m = wound_m - tension_N * self._table.compliance_m_per_N[i]
+            pad = None if self._pads is None else self._pads.finger(i, now_ns)
+            if hand.rate_m_s[i] > self._settings.turning_rate_m_s:
+                then_m = excursion_m - self._settings.load_lag_s * hand.rate_m_s[i]
+                finger.take(wound_m, then_m, tension_N, slow=slow, padded=pad is not None)
+            if pad is not None and pad.touching:
+                finger.take_pad(excursion_m - (sample_ns - pad.onset_ns) * 1e-9 * rate_m_s)
+        return self.outcome()
+
+    def conclude(self, now_ns: int) -> Reason:
+        """Winding ends: NONE for contact, else why there is none."""
+        for i, finger in enumerate(self.fingers):
+            finger.conclude(padded=self._pads is not None and self._pads.finger(i, now_ns) is not None)
+        outcome = self.outcome()
+        if outcome is not None:
+            return outcome
+        touching = any(finger.touch is Touch.TOUCHING for finger in self.fingers)
+        return Reason.ONE_SIDED_CONTACT if touching else Reason.NO_CONTACT
+
+    def outcome(self) -> Reason | None:
+        """NONE: both fingers touch; CONTACT_UNEXPECTED: one touched far too early; None while neither is known."""
+        touches = [finger.touch for finger in self.fingers]
+        if Touch.EARLY in touches:
+            return Reason.CONTACT_UNEXPECTED
+        return Reason.NONE if touches == [Touch.TOUCHING] * 2 else None
+
+
+def expectation(table: PlanarTable, finger: int) -> FingerExpectation:
+    """What the table expects of one finger (0 right, 1 left)."""
+    near_N = table.at_excursion(0.0, 0.0).tension_N[finger]
+    far_N = table.at_excursion(_LOADED_LINE_M, 0.0).tension_N[finger]
+    return FingerExpectation(
+        table.contact_excursion_m[finger],
+        table.free_slope_N_per_m[finger],
+        (far_N - near_N) / _LOADED_LINE_M,
+        near_N - table.contact_tension_N[finger],
+    )
