@@ -61,6 +61,7 @@ class VirtualRobot:
         scene: Scene,
         *,
         recorder: RecordSink | None = None,
+        record_pads: Callable[[dict[str, Any], int], None] | None = None,
         observe: Callable[[World], None] | None = None,
         observe_period_s: float = 0.002,
         faults: FaultScript[Any] | None = None,
@@ -86,6 +87,7 @@ class VirtualRobot:
 
         attentive = AttentiveClock(clocks["cycle"], self._let_others_catch_up)
         parts = cycle_parts(config, MemoryCanBus(self._hub, attentive), attentive)
+        self.grasping = parts.grasping
         self.cycle = Cycle(
             attentive,
             CycleLinks(
@@ -114,7 +116,13 @@ class VirtualRobot:
         self.socket = MemoryCommandSocket(clocks["front"])
         guard = Guard(MemoryCanBus(self._hub, clocks["guard"]), clocks["guard"], 197)
         shelf = TableShelf(Path(config.tables.directory), hand)
-        outlets = Outlets(self.socket, recorder=recorder, idle_arm=guard.idle_arm, wall_time_s=lambda: 0.0)
+        outlets = Outlets(
+            self.socket,
+            recorder=recorder,
+            idle_arm=guard.idle_arm,
+            wall_time_s=lambda: 0.0,
+            record_pads=record_pads,
+        )
         self.front = Front(
             clocks["front"],
             FrontLinks(OrderedSender(commands), OrderedReader(events), LatestReader(records), pads),
