@@ -32,6 +32,7 @@ from drivers.dynamixel.discovery import reply_margin_s
 from drivers.dynamixel.port import WaitingPort
 from drivers.dynamixel.settings import MotorSettings
 from drivers.dynamixel.tendons import TendonPair
+from drivers.simulated.dynamixel import taut_ticks
 
 TARGET_PERCENT = 10.0
 IDS = (1, 2)
@@ -89,7 +90,7 @@ def driver(path: str, model: MotorModel, baud: int, duration_s: float, period_ns
     line = SerialLine(path, baud)
     try:
         port = WaitingPort(line, clock, baud=baud, reply_margin_s=max(_SIMULATED_MARGIN_S, reply_margin_s(None)))
-        right, left = (MotorSettings(motor_id, 1, 0, model=model.name) for motor_id in IDS)
+        right, left = (MotorSettings(motor_id, 1, taut_ticks(model), model=model.name) for motor_id in IDS)
         pair = TendonPair(port, clock, (right, left))
         pair.start()
         exchanges = missed = 0

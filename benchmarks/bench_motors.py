@@ -20,28 +20,27 @@ from drivers.dynamixel.control_tables import MODELS, MotorModel
 from drivers.dynamixel.port import WaitingPort
 from drivers.dynamixel.settings import MotorSettings
 from drivers.dynamixel.tendons import TendonPair, TendonSetPoint
-from drivers.simulated.dynamixel import SimulatedMotors, SimulatedMotorSettings
+from drivers.simulated.dynamixel import SimulatedMotors, SimulatedMotorSettings, taut_ticks
 from drivers.simulated.dynamixel_electrics import electrics_of
 from drivers.simulated.serial_lines import MemoryLine
 from drivers.simulated.spring_tendons import SpringTendons
 
 PERIOD_NS = nanoseconds(0.005)
 STEP_NS = nanoseconds(0.0005)
-_ZERO_TICKS = 300
 
 
 def virtual_minute(model: MotorModel, duration_s: float) -> dict[str, Any]:
     """Run it for `duration_s` of virtual time; figures for a minute."""
-    electrics = electrics_of(model)
+    electrics, zero_ticks = electrics_of(model), taut_ticks(model)
     springs = SpringTendons(friction_Nm=electrics.gear_friction_Nm, inertia_kgm2=electrics.inertia_kgm2)
-    motors = SimulatedMotors(springs, [SimulatedMotorSettings(number, _ZERO_TICKS, model=model) for number in (1, 2)])
+    motors = SimulatedMotors(springs, [SimulatedMotorSettings(number, zero_ticks, model=model) for number in (1, 2)])
     clock, plant_ns, plant_s = VirtualClock(), 0, 0.0
     pair = TendonPair(
         WaitingPort(MemoryLine(motors, clock), clock),
         clock,
         (
-            MotorSettings(motor_id=1, tightening_sign=1, zero_ticks=_ZERO_TICKS, model=model.name),
-            MotorSettings(motor_id=2, tightening_sign=1, zero_ticks=_ZERO_TICKS, model=model.name),
+            MotorSettings(motor_id=1, tightening_sign=1, zero_ticks=zero_ticks, model=model.name),
+            MotorSettings(motor_id=2, tightening_sign=1, zero_ticks=zero_ticks, model=model.name),
         ),
     )
     pair.start()

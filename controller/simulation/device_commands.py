@@ -22,10 +22,13 @@ from controller.simulation.device_loop import DeviceLoop, HasFileno
 from controller.simulation.pendant_lines import PendantLines, is_fault
 from controller.simulation.stepped_clock import SteppedClock
 from controller.simulation.takktile_command import TAKKTILE_EXAMPLE, takktile
+from controller.simulation.weight_lines import WEIGHT_LINES_HELP, obey
+from controller.typed_lines import TypedLines
 from drivers.clock import nanoseconds
 from drivers.dynamixel.control_tables import MODELS, XM430_W350, model_by_name
 from drivers.errors import InputError
-from drivers.simulated.dynamixel import SimulatedMotors, SimulatedMotorSettings
+from drivers.simulated.dynamixel import SimulatedMotors, SimulatedMotorSettings, taut_ticks
+from drivers.simulated.hanging_weights import HangingWeights
 from drivers.simulated.serial_fault_actions import Unplug
 from drivers.simulated.serial_lines import PtyServer
 from drivers.simulated.spring_tendons import SpringTendons
@@ -38,8 +41,6 @@ app = typer.Typer(
 AsJson = Annotated[bool, typer.Option("--json", help="Print the bus as one line of JSON when ready.")]
 PATIENCE_S = 0.5
 """A heartbeat for machines that stall."""
-TAUT_TICKS = 100
-"""Where motors of protocol 1.0 stand at first: below 0 there is nothing for them to let tendon out to."""
 _PLANT_STEP_NS = nanoseconds(0.0005)
 
 
@@ -145,9 +146,13 @@ def dynamixel(
     supply: Annotated[float, typer.Option(help="Supply voltage, V.")] = 12.0,
     noise: Annotated[float, typer.Option(help="Noise of current or load, standard deviation in counts.")] = 1.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
+    hanging_kg: Annotated[
+        tuple[float, float] | None,
+        typer.Option(help=f"Masses on cords instead of springs, right and left; {WEIGHT_LINES_HELP}."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Two tendon motors, each pulling on a spring, on a serial line (a pty). Ctrl-C ends it.
+    """Two tendon motors, each pulling on a spring or a hanging weight, on a serial line (a pty). Ctrl-C ends it.
 
     With a scripted unplugging, the path that is printed leads to the new line when the adapter is plugged in again.
     """
@@ -158,13 +163,14 @@ def dynamixel(
     script = FaultScript() if faults is None else read_motor_faults(faults)
     motor_model = model_by_name(model)
     electrics = electrics_of(motor_model)
-    plant = SpringTendons(friction_Nm=electrics.gear_friction_Nm, inertia_kgm2=electrics.inertia_kgm2)
+    spools = {"friction_Nm": electrics.gear_friction_Nm, "inertia_kgm2": electrics.inertia_kgm2}
+    weights = None if hanging_kg is None else HangingWeights(hanging_kg, **spools)
+    plant = weights or SpringTendons(**spools)
     clock = SteppedClock()
     plant_ns = clock.now_ns()
-    taut_ticks = TAUT_TICKS if motor_model.protocol == 1 else 0
     motors = SimulatedMotors(
         plant,
-        [SimulatedMotorSettings(motor_id, taut_ticks, model=motor_model) for motor_id in ids],
+        [SimulatedMotorSettings(motor_id, taut_ticks(motor_model), model=motor_model) for motor_id in ids],
         baud=baud,
         supply_V=supply,
         noise_counts=noise,
@@ -190,7 +196,16 @@ def dynamixel(
             pty = PtyServer(motors, clock, baud)
         stack.callback(pty.close)
         loop = DeviceLoop(clock, advance, [pty], pty.filenos, _say)
-        _run(loop, clock, stop, partial(_tell, {"port": str(pty.link or pty.port)}, as_json))
+        lines = None if weights is None else TypedLines(0)
+
+        def hang() -> None:
+            for line in () if weights is None or lines is None else lines.read():
+                try:
+                    obey(line, weights, _say)
+                except InputError as error:
+                    _say(error.message)
+
+        _run(loop, clock, stop, partial(_tell, {"port": str(pty.link or pty.port)}, as_json), lines, hang)
 
 
 app.command(epilog=TAKKTILE_EXAMPLE)(takktile)
@@ -201,7 +216,7 @@ def _run(
     clock: SteppedClock,
     stop: StopRequests,
     ready: Callable[[], None],
-    buttons: PendantLines | None = None,
+    buttons: PendantLines | TypedLines | None = None,
     press: Callable[[], None] = lambda: None,
 ) -> None:
     """Until a signal; the end of the buttons ends nothing."""

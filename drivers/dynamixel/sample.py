@@ -41,6 +41,8 @@ class TendonSample:
     """The motor holds and takes no goals until `rearm`."""
     stalled: Flags
     """It stood at its ceiling for too long, gave up its goal and holds where it is."""
+    outside_turn: Flags
+    """The spool left the one turn in which its motor (MX-28, protocol 1.0) knows its place; it is led back."""
     derating: Pair
     """Part of the load cap that its temperature allows, 0…1."""
     voltage_V: Pair

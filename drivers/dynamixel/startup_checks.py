@@ -158,7 +158,7 @@ def check_calibration(settings: MotorSettings, model: MotorModel, firmware: int,
         text = f"has {supply_V:.1f} V; its load law was measured at {measured_V:.1f} V."
         findings.append(Finding(Consequence.WARNED, text, f"Tensions may be wrong. {again}"))
     lowest_V, highest_V = model.voltage_range_V
-    if not lowest_V <= supply_V <= highest_V:
+    if not lowest_V <= round(supply_V, 1) <= highest_V:
         text = f"has {supply_V:.1f} V; a {model.name} is made for {lowest_V:g} to {highest_V:g} V."
         findings.append(Finding(Consequence.WARNED, text, "Check its supply."))
     return findings

@@ -13,21 +13,19 @@ Source: design 4 "Drive"; dynamixel reference 1.3, 1.4, 2.3, 6, 8.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from drivers.clock import Clock, seconds
-from drivers.dynamixel.bus import MotorBus, motor_name
+from drivers.dynamixel.bus import MotorBus
 from drivers.dynamixel.control_tables import MotorModel, Register
 from drivers.dynamixel.discovery import find_pair
-from drivers.dynamixel.effort_filter import EffortFilter
 from drivers.dynamixel.goal import TendonGoal
-from drivers.dynamixel.load_law import SpoolMotion
-from drivers.dynamixel.motor import Inspection, MotorIdentity, TendonMotor
+from drivers.dynamixel.motor import MotorIdentity, TendonMotor
 from drivers.dynamixel.port import WaitingPort
 from drivers.dynamixel.reading import PairReader
 from drivers.dynamixel.sample import Pair, TendonSample, TendonSetPoint
 from drivers.dynamixel.settings import MotorSettings
-from drivers.errors import BusError, DeviceError, InputError, ProtocolError
+from drivers.dynamixel.tendon import Tendon
+from drivers.errors import BusError, DeviceError, InputError
 
 __all__ = ["MotorSettings", "TendonPair", "TendonSample", "TendonSetPoint"]
 
@@ -35,31 +33,6 @@ SEND_AGAIN = 10
 """Exchanges after which goals and ceilings are sent though they did not change."""
 _RATE_WEIGHT = 0.05
 """Of the newest interval in the measured read rate."""
-
-
-@dataclass(slots=True)
-class _Tendon:
-    """One motor with what is known of it and what it is told."""
-
-    settings: MotorSettings
-    motor: TendonMotor
-    goal: TendonGoal
-    values: Mapping[str, int]
-    """The newest of its registers that was believed, by name."""
-    ticks: int
-    sample_ns: int
-    sent_ticks: int
-    sent_ceiling: int
-    effort_filter: EffortFilter
-    acting: tuple[float, float] = (0.0, 0.0)
-    """Effort, filtered, and tendon rate, m/s, filtered alike: what the tension is worked out of."""
-    restarted: bool = False
-    motion: SpoolMotion = SpoolMotion.HOLDING
-
-    @property
-    def torque_on(self) -> bool:
-        """Also false after a shutdown in protocol 1.0, which takes the Torque Limit away."""
-        return self.values["torque_enable"] == 1 and self.values.get("torque_limit", 1) > 0
 
 
 class TendonPair:
@@ -78,7 +51,7 @@ class TendonPair:
         self._clock = clock
         self._bus: MotorBus
         self._reader: PairReader
-        self._tendons: list[_Tendon] = []
+        self._tendons: list[Tendon] = []
         self._sample: TendonSample | None = None
         self._round = 0
         self._read_interval_s = 0.0
@@ -99,9 +72,7 @@ class TendonPair:
                 "sheet's, or stall_torque_12V_Nm and friction_load of each motor.",
             )
         motors = [TendonMotor(found.bus, settings, found.model) for settings in self._settings]
-        inspections = [motor.inspect() for motor in motors]
-        for motor, inspection in zip(motors, inspections, strict=True):
-            _check_zero(motor, inspection)
+        inspections = [motor.check_mounting(motor.inspect()) for motor in motors]
         goals = []
         for motor, inspection in zip(motors, inspections, strict=True):
             ticks, ceiling = motor.bring_up(inspection)
@@ -111,22 +82,10 @@ class TendonPair:
         self._reader.prepare()
         now_ns = self._clock.now_ns()
         self._tendons = [
-            _Tendon(
-                motor.settings,
-                motor,
-                goal,
-                values,
-                ticks=values["present_position"],
-                sample_ns=now_ns,
-                sent_ticks=goal.ticks,
-                sent_ceiling=goal.ceiling,
-                effort_filter=EffortFilter(motor.settings.effort_filter_s),
-            )
-            for motor, goal, values in zip(motors, goals, self._reader.values, strict=True)
+            Tendon(motor, inspection, goal, values, now_ns)
+            for motor, inspection, goal, values in zip(motors, inspections, goals, self._reader.values, strict=True)
         ]
-        for tendon in self._tendons:
-            _filter(tendon, found.model)
-        self._sample = self._decoded(found.model)
+        self._sample = self._taken()
         self.identities = [inspection.identity for inspection in inspections]
         return self.identities
 
@@ -142,22 +101,22 @@ class TendonPair:
             self.set_excursion(*_two(set_point.excursion_m, "tendon excursions"), set_point.load_cap_N)
         now_ns = self._clock.now_ns()
         now_s, elapsed_s = seconds(now_ns), seconds(now_ns - last.oldest_ns)
-        for index, tendon in enumerate(self._tendons):
-            effort, rate_m_s = last.effort[index], last.rate_m_s[index]
-            tendon.goal.step(now_s, elapsed_s, ticks=tendon.ticks, effort=effort, rate_m_s=rate_m_s)
-            tendon.goal.derate(last.derating[index], last.voltage_V[index])
+        for tendon in self._tendons:
+            goal = tendon.goal
+            goal.step(now_s, elapsed_s, ticks=tendon.ticks, effort=tendon.effort, rate_m_s=tendon.rate_m_s)
+            goal.derate(tendon.derating, tendon.supply_V)
         self._round = (self._round + 1) % SEND_AGAIN
         self._send(model, everything=self._round == 0)
         sample_ns = self._clock.now_ns()
         errors = list(self._reader.read(sample_ns))
         for index, error in enumerate(errors):
             if error is None:
-                errors[index] = self._believe(index, model, sample_ns)
+                errors[index] = self._believe(index, sample_ns)
         if not any(errors):
             weight = _RATE_WEIGHT if self._read_interval_s else 1.0
             self._read_interval_s += weight * (seconds(sample_ns - last.oldest_ns) - self._read_interval_s)
         self.last_miss = next((error for error in errors if error is not None), self.last_miss)
-        self._sample = self._decoded(model)
+        self._sample = self._taken()
         return self._sample
 
     def set_excursion(self, right_m: float, left_m: float, load_cap_N: Pair) -> None:
@@ -170,12 +129,12 @@ class TendonPair:
 
     def set_load(self, right_N: float, left_N: float) -> None:
         """Pull with these loads, within the travel: from the next exchange on. InputError: nothing taken."""
-        sample, _ = self._started()
+        self._started()
         loads_N = (right_N, left_N)
         for tendon, load_N in zip(self._tendons, loads_N, strict=True):
             tendon.goal.check_load(load_N)
-        for tendon, load_N, effort in zip(self._tendons, loads_N, sample.effort, strict=True):
-            tendon.goal.pull(load_N, effort)
+        for tendon, load_N in zip(self._tendons, loads_N, strict=True):
+            tendon.goal.pull(load_N, tendon.effort)
 
     def open(self, load_cap_N: Pair = (20.0, 20.0)) -> None:
         """Unwind both tendons to just taut, at full speed, pulling no more than the caps. InputError, BusError."""
@@ -187,15 +146,15 @@ class TendonPair:
 
         InputError, BusError.
         """
-        sample, _ = self._started()
+        self._started()
         if load_cap_N is not None:
             caps_N = _two(load_cap_N, "load caps")
             for tendon, cap_N in zip(self._tendons, caps_N, strict=True):
                 tendon.goal.check_cap(cap_N)
             for tendon, cap_N in zip(self._tendons, caps_N, strict=True):
                 tendon.goal.take_cap(cap_N)
-        for tendon, effort in zip(self._tendons, sample.effort, strict=True):
-            tendon.goal.hold(tendon.ticks, effort)
+        for tendon in self._tendons:
+            tendon.goal.hold(tendon.ticks, tendon.effort)
         self._send_now()
 
     def rearm(self) -> None:
@@ -218,12 +177,9 @@ class TendonPair:
         for index, tendon in enumerate(self._tendons):
             if tendon.torque_on and not tendon.restarted:
                 continue
-            found = tendon.motor.inspect()
-            _check_zero(tendon.motor, found)
+            found = tendon.motor.check_mounting(tendon.motor.inspect())
             ticks, ceiling = tendon.motor.bring_up(found)
-            tendon.goal = TendonGoal(tendon.settings, model, found, ticks, ceiling)
-            tendon.ticks, tendon.restarted = found.position_ticks, False
-            tendon.effort_filter.reset()
+            tendon.begin(found, TendonGoal(tendon.settings, model, found, ticks, ceiling), found.position_ticks)
             self._reader.read_anew(index)
 
     def stop(self, release: bool = False) -> None:
@@ -249,40 +205,39 @@ class TendonPair:
         return self._sample, self.model
 
     def _send_now(self) -> None:
-        sample, model = self._started()
-        for tendon, factor, supply_V in zip(self._tendons, sample.derating, sample.voltage_V, strict=True):
-            tendon.goal.derate(factor, supply_V)
+        _, model = self._started()
+        for tendon in self._tendons:
+            tendon.goal.derate(tendon.derating, tendon.supply_V)
         self._send(model, everything=True)
 
     def _send(self, model: MotorModel, *, everything: bool) -> None:
         """What is new, to the motors that pull and may be driven: ceilings first. One that does not answer may still
-        hear: it is told to hold, and its watchdog kept from letting go of the lead that its load needs. Not in protocol
-        1.0: it may have restarted, and a goal would switch it on."""
+        hear: it is told to hold, and its watchdog kept from letting go of the lead that its load needs. Not if a goal
+        would switch it on, as it may have restarted."""
         heard = zip(self._tendons, self._reader.missed, strict=True)
-        holding = [tendon for tendon, missed in heard if tendon.torque_on and (model.protocol == 2 or not missed)]
-        if everything or any(tendon.goal.ceiling != tendon.sent_ceiling for tendon in holding):
-            driven = [tendon for tendon in holding if tendon.goal.takes_ceilings]
-            self._write(model.registers[model.ceiling], {t.settings.motor_id: t.goal.ceiling for t in driven})
-            for tendon in driven:
-                tendon.sent_ceiling = tendon.goal.ceiling
-        goals = [tendon.goal.commanded(tendon.ticks) for tendon in holding]
-        if everything or any(goal != tendon.sent_ticks for goal, tendon in zip(goals, holding, strict=True)):
-            wanted = {t.settings.motor_id: goal for goal, t in zip(goals, holding, strict=True) if t.goal.takes_goals}
-            self._write(model.registers["goal_position"], wanted)
-            for goal, tendon in zip(goals, holding, strict=True):
-                tendon.sent_ticks = goal
+        holding = [tendon for tendon, missed in heard if tendon.torque_on and (not missed or tendon.hears_goals)]
+        ceilings = {
+            tendon.motor_id: tendon.goal.ceiling
+            for tendon in holding
+            if (everything or tendon.goal.ceiling != tendon.sent_ceiling) and tendon.goal.takes_ceilings
+        }
+        goals = {tendon.motor_id: tendon.wire_goal() for tendon in holding if tendon.goal.takes_goals}
+        if ceilings:
+            self._write(model.registers[model.ceiling], ceilings)
+        if goals and (everything or any(goals[t.motor_id] != t.sent_goal for t in holding if t.motor_id in goals)):
+            self._write(model.registers["goal_position"], goals)
+        for tendon in holding:
+            tendon.sent_ceiling = ceilings.get(tendon.motor_id, tendon.sent_ceiling)
+            tendon.sent_goal = goals.get(tendon.motor_id, tendon.sent_goal)
 
     def _write(self, register: Register, values: Mapping[int, int]) -> None:
-        if values:
-            self._bus.sync_write(register.address, {motor: register.encode(value) for motor, value in values.items()})
+        self._bus.sync_write(register.address, {motor: register.encode(value) for motor, value in values.items()})
 
-    def _believe(self, index: int, model: MotorModel, sample_ns: int) -> DeviceError | None:
+    def _believe(self, index: int, sample_ns: int) -> DeviceError | None:
         """Take over what a motor said, unless it cannot be; then why not."""
-        tendon, believed = self._tendons[index], self._tendons[index].values
-        if (
-            self._reader.values[index]["present_input_voltage"] == 0
-        ):  # the indirect map shows nothing: it restarted and lost it
-            try:
+        tendon = self._tendons[index]
+        if self._reader.values[index]["present_input_voltage"] == 0:
+            try:  # the indirect map shows nothing: it restarted and lost it
                 self._reader.read_anew(index)
             except BusError:
                 raise
@@ -290,101 +245,36 @@ class TendonPair:
                 self._reader.miss(index)
                 return error
             tendon.restarted = True
-        tendon.values = self._reader.values[index]
-        ticks = tendon.values["present_position"]
-        if not tendon.torque_on:
-            tendon.restarted |= not tendon.values["hardware_error_status"]
-        else:
-            elapsed_s = seconds(sample_ns - tendon.sample_ns)
-            allowed = 64 + 2.0 * model.no_load_speed_rad_s / model.tick_rad * elapsed_s
-            if abs(ticks - tendon.ticks) > allowed:
-                tendon.values = believed
-                self._reader.miss(index)
-                return ProtocolError(
-                    motor_name(tendon.motor.motor_id),
-                    f"position jumped from {tendon.ticks} to {ticks} ticks in {elapsed_s * 1e3:.1f} ms.",
-                    help="The motor restarted or its encoder failed.",
-                )
-        tendon.ticks, tendon.sample_ns = ticks, sample_ns
-        _filter(tendon, model)
-        return None
+        doubt = tendon.believe(self._reader.values[index], sample_ns)
+        if doubt is not None:
+            self._reader.miss(index)
+        return doubt
 
-    def _decoded(self, model: MotorModel) -> TendonSample:
-        rows = [_row(tendon, model) for tendon in self._tendons]
-        (right, right_values), (left, left_values) = ((tendon, tendon.values) for tendon in self._tendons)
-        excursion_m, rate_m_s, effort, tension_N, uncertainty_N, voltage_V, temperature_C, derating = zip(
-            *rows, strict=True
-        )
+    def _taken(self) -> TendonSample:
+        (right, left), reader = self._tendons, self._reader
         return TendonSample(
             sample_ns=(right.sample_ns, left.sample_ns),
-            excursion_m=excursion_m,
-            rate_m_s=rate_m_s,
-            effort=effort,
-            tension_N=tension_N,
-            tension_uncertainty_N=uncertainty_N,
-            hardware_error=(right_values["hardware_error_status"], left_values["hardware_error_status"]),
-            alert=(self._reader.alert[0], self._reader.alert[1]),
+            excursion_m=(right.excursion_m, left.excursion_m),
+            rate_m_s=(right.rate_m_s, left.rate_m_s),
+            effort=(right.effort, left.effort),
+            tension_N=(right.tension_N, left.tension_N),
+            tension_uncertainty_N=(right.uncertainty_N, left.uncertainty_N),
+            hardware_error=(right.hardware_error, left.hardware_error),
+            alert=(reader.alert[0], reader.alert[1]),
             torque_on=(right.torque_on, left.torque_on),
             restarted=(right.restarted, left.restarted),
-            watchdog_tripped=(right_values.get("bus_watchdog", 0) < 0, left_values.get("bus_watchdog", 0) < 0),
+            watchdog_tripped=(right.watchdog_tripped, left.watchdog_tripped),
             stalled=(right.goal.stalled, left.goal.stalled),
-            derating=derating,
-            voltage_V=voltage_V,
-            temperature_C=temperature_C,
-            missed=(self._reader.missed[0], self._reader.missed[1]),
+            outside_turn=(right.outside_turn, left.outside_turn),
+            derating=(right.derating, left.derating),
+            voltage_V=(right.supply_V, left.supply_V),
+            temperature_C=(right.temperature_C, left.temperature_C),
+            missed=(reader.missed[0], reader.missed[1]),
             read_rate_hz=1.0 / self._read_interval_s if self._read_interval_s else 0.0,
         )
-
-
-def _row(tendon: _Tendon, model: MotorModel) -> tuple[float, ...]:
-    """Excursion, rate, effort, tension, its uncertainty, voltage, temperature and derating of one tendon."""
-    settings, values, law = tendon.settings, tendon.values, tendon.settings.load_law
-    supply_V = values["present_input_voltage"] * model.voltage_unit_V
-    temperature_C = float(values["present_temperature"])
-    effort, rate_m_s = tendon.acting
-    estimate = law.tension(effort, tendon.motion, rate_m_s=rate_m_s, supply_V=supply_V, temperature_C=temperature_C)
-    return (
-        settings.excursion_m(tendon.ticks, model),
-        _rate_m_s(tendon, model),
-        _effort(tendon, model),
-        estimate.tension_N,
-        estimate.uncertainty_N,
-        supply_V,
-        temperature_C,
-        settings.derating(temperature_C),
-    )
-
-
-def _filter(tendon: _Tendon, model: MotorModel) -> None:
-    """Take the newest values into what the tension is worked out of."""
-    effort, rate_m_s = _effort(tendon, model), _rate_m_s(tendon, model)
-    tendon.acting = tendon.effort_filter.step(tendon.sample_ns, effort, rate_m_s)
-    tendon.motion = tendon.settings.load_law.motion(tendon.acting[1], tendon.motion)
-
-
-def _effort(tendon: _Tendon, model: MotorModel) -> float:
-    return tendon.settings.tightening_sign * tendon.values[model.effort_register] * model.effort_unit
-
-
-def _rate_m_s(tendon: _Tendon, model: MotorModel) -> float:
-    settings = tendon.settings
-    counts = settings.tightening_sign * tendon.values["present_velocity"]
-    return counts * model.velocity_unit_rad_s * settings.spool_radius_m
 
 
 def _two(values: Sequence[float], what: str) -> Pair:
     if len(values) != 2:
         raise InputError(f"{what} {tuple(values)}; expected two, right and left.")
     return values[0], values[1]
-
-
-def _check_zero(motor: TendonMotor, found: Inspection) -> None:
-    excursion_m = motor.settings.excursion_m(found.position_ticks, motor.model)
-    lower_m, upper_m = motor.settings.travel_m
-    slack_m = 0.005
-    if not lower_m - slack_m <= excursion_m <= upper_m + slack_m:
-        raise DeviceError(
-            motor_name(motor.motor_id),
-            f"stands at {excursion_m * 1e3:.1f} mm of excursion; expected {lower_m * 1e3:.1f}…{upper_m * 1e3:.1f}.",
-            help="It lost its turn or its zero is wrong: calibrate zero_ticks again.",
-        )

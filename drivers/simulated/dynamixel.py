@@ -34,6 +34,13 @@ _BYTE_NS = 10_000.0
 """At 1 Mbit/s, where nobody says at which rate the bytes came."""
 
 
+def taut_ticks(model: MotorModel) -> int:
+    """Where a simulated spool is clamped: so that a hand's whole travel lies in the one turn that protocol 1.0 has."""
+    if model.protocol == 2:
+        return 0
+    return 97 if model.ticks_per_revolution < 2048 else 600
+
+
 class TendonPlant(Protocol):
     """What the motors' gears turn; motor 0 is the first of the settings."""
 

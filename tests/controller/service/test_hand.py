@@ -21,7 +21,7 @@ from drivers.simulated.spring_tendons import SpringTendons
 PHYSICS_NS = 500_000
 CAPS_N = (60.0, 60.0)
 TICK_M = 2 * math.pi / 4096 * 0.0105
-MOTORS = (MotorSettings(motor_id=1, tightening_sign=1, zero_ticks=2048), MotorSettings(2, -1, 3000))
+MOTORS = (MotorSettings(motor_id=1, tightening_sign=1, zero_ticks=600), MotorSettings(2, -1, 3500))
 SETTINGS = HandSettings(period_s=0.005)
 
 
@@ -37,7 +37,7 @@ class Rig:
     ) -> None:
         self.clock = VirtualClock()
         self.springs = springs or SpringTendons((3000.0, 3000.0))
-        right, left = SimulatedMotorSettings(1, 2048, 1, model), SimulatedMotorSettings(2, 3000, -1, model)
+        right, left = SimulatedMotorSettings(1, 600, 1, model), SimulatedMotorSettings(2, 3500, -1, model)
         self.motors = motors or SimulatedMotors(self.springs, (right, left))
         self._physics_ns = 0
         self.set_point_link = VirtualLink(self.clock, self.clock, capacity=1000)

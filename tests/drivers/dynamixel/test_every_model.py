@@ -40,7 +40,7 @@ class Rig:
         law = LoadLaw(electrics.torque_constant_Nm_per_A, electrics.friction_current_A)
         if model.effort == "load":
             law = LoadLaw(electrics.torque_constant_Nm_per_A * full_A, electrics.friction_current_A / full_A)
-        zeros = (60, 960) if model is RX_28 else (300, 3800)
+        zeros = (97, 926) if model is RX_28 else (600, 3500)  # all of the travel within one turn
         right = MotorSettings(3, 1, zeros[0], load_law=law, model=model.name)
         self.settings = (right, MotorSettings(1, -1, zeros[1], load_law=law, model=model.name))
         self.springs = SpringTendons(

@@ -10,7 +10,7 @@ from drivers.dynamixel.load_law import nominal_law
 from drivers.dynamixel.port import WaitingPort
 from drivers.dynamixel.settings import MotorSettings
 from drivers.dynamixel.tendons import TendonPair
-from drivers.simulated.dynamixel import SimulatedMotors, SimulatedMotorSettings
+from drivers.simulated.dynamixel import SimulatedMotors, SimulatedMotorSettings, taut_ticks
 from drivers.simulated.dynamixel_electrics import electrics_of
 from drivers.simulated.serial_lines import MemoryLine
 from drivers.simulated.spring_tendons import SpringTendons
@@ -25,10 +25,10 @@ class Rig:
     def __init__(self, model: MotorModel, supply_V: float) -> None:
         electrics = electrics_of(model)
         law = nominal_law(model, 0.0105)
-        first = MotorSettings(1, 1, 100, load_law=law, model=model.name)
-        second = MotorSettings(2, 1, 100, load_law=law, model=model.name)
+        first = MotorSettings(1, 1, taut_ticks(model), load_law=law, model=model.name)
+        second = MotorSettings(2, 1, taut_ticks(model), load_law=law, model=model.name)
         self.springs = SpringTendons(friction_Nm=electrics.gear_friction_Nm, inertia_kgm2=electrics.inertia_kgm2)
-        mounted = [SimulatedMotorSettings(motor_id, 100, 1, model) for motor_id in (1, 2)]
+        mounted = [SimulatedMotorSettings(motor_id, taut_ticks(model), 1, model) for motor_id in (1, 2)]
         self.motors = SimulatedMotors(self.springs, mounted, supply_V=supply_V)
         self.clock = VirtualClock()
         line = MemoryLine(self.motors, self.clock)
