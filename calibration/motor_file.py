@@ -141,14 +141,19 @@ def write_motor_setup(file: Path, right: MotorSetup, left: MotorSetup, model: st
 def write_load_laws(file: Path, measured: Mapping[str, MeasuredLaw]) -> None:
     """Lay the load laws of these sides over the file, which need not exist; all or nothing. Raises ConfigurationError,
     InputError."""
-    if file.exists():
-        read_motor_file(file)
+    before = read_motor_file(file) if file.exists() else MotorFile()
+    models = {one.calibrated.model for one in measured.values()}
+    others: list[str] = []
+    for side in SIDES:
+        calibrated: LoadCalibration | None = getattr(before, f"{side}_{_CALIBRATED}")
+        if side not in measured and calibrated is not None and calibrated.model not in models:
+            others.append(side)  # both motors are of one model: that law is of one that is no longer there
     changes: dict[str, object] = {}
     for side, one in measured.items():
         changes |= {"model": one.calibrated.model, f"{side}_id": one.motor_id}
         changes |= {f"{side}_{key}": value for key, value in one.law_keys().items()}
         changes[f"{side}_{_CALIBRATED}"] = _present(one.calibrated)
-    write_own_file(file, changes, without=_all_law_keys(measured), header=_HEADER)
+    write_own_file(file, changes, without=_all_law_keys((*measured, *others)), header=_HEADER)
 
 
 def _laws_by_id(file: MotorFile) -> dict[int, dict[str, object]]:

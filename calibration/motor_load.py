@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from drivers.dynamixel.control_tables import MotorModel
 from drivers.dynamixel.load_law import LoadLaw, SpoolMotion, published_law, torque_at_heat
@@ -37,6 +36,8 @@ LEAST_SLOPE_UNCERTAINTY = 0.02
 """Weights, spool and a motor's mood are not known better than this."""
 PLAUSIBLE_RATIO = 2.5
 """A slope farther from the published one is that of pounds, newtons typed as kilograms, or another spool."""
+ACCEPTED_RMS, ACCEPTED_WORST = 0.05, 0.12
+"""Residuals to accept, as parts of the span of tensions: in the mean and the largest."""
 _CONFIDENCE = 2.0
 _DIFFERENT = 0.05
 """Part of the span by which two tensions differ."""
@@ -71,8 +72,8 @@ class Reading:
 class Acceptance:
     """Largest residuals of a law that may be used, as parts of the span of tensions."""
 
-    rms: float = 0.05
-    worst: float = 0.12
+    rms: float = ACCEPTED_RMS
+    worst: float = ACCEPTED_WORST
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,6 +178,7 @@ def fit_load_law(readings: Sequence[Reading], model: MotorModel, spool_radius_m:
 
 def _solve(matrix: Vector, target: Vector) -> tuple[Vector, float]:
     """Robust solution, none of it below 0, and the standard deviation of those rows that agree."""
+    from scipy.optimize import least_squares  # a second to load, and most commands do without
 
     def residual(solution: Vector) -> Vector:
         return np.asarray(matrix @ solution - target, dtype=np.float64)

@@ -2,7 +2,7 @@
 
 What is measured on the arm goes into the arm's own file, which robot.toml names as `[arm] own_file` and which is laid
 over the packaged `drivers/wam/wam7.toml`. Prompts and notes go to standard error, results to standard output.
-Source: design 6; WAM reference 4.4. `motors`, `gravity` and `tactile` have files of their own, `*_command.py`.
+Source: design 6; WAM reference 4.4. The other commands have files of their own, `*_command.py`.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import typer
 from controller.calibration_options import AsJson, Config, OwnFile, await_enter, own_file, say
 from controller.config import load_config
 from controller.gravity_command import GRAVITY_EXAMPLES, gravity
+from controller.motor_load_command import MOTOR_LOAD_EXAMPLES, motor_load
 from controller.motors_command import MOTORS_EXAMPLES, motors
 from controller.tactile_command import TACTILE_EXAMPLE, tactile
 from drivers.clock import MonotonicClock
@@ -89,6 +90,7 @@ def zero(
 app.command(epilog=GRAVITY_EXAMPLES)(gravity)
 app.command(epilog=TACTILE_EXAMPLE)(tactile)
 app.command(epilog=MOTORS_EXAMPLES)(motors)
+app.command(epilog=MOTOR_LOAD_EXAMPLES)(motor_load)
 
 
 def changes_of(found: ZeroCalibration) -> dict[str, object]:

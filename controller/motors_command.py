@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -20,12 +19,12 @@ from calibration.motor_file import read_motor_file, write_motor_setup
 from calibration.motor_setup import STEPS, MotorSetup, Ticks, work_out
 from controller.calibration_options import AsJson, Config, await_enter, say
 from controller.config import Tendons, load_config
-from drivers.clock import Clock, MonotonicClock
+from controller.motor_line import opened_port
+from drivers.clock import MonotonicClock
 from drivers.dynamixel import discovery
 from drivers.dynamixel.bus import motor_name
 from drivers.dynamixel.byte_line import SerialLine
 from drivers.dynamixel.motor import Inspection, TendonMotor
-from drivers.dynamixel.port import WaitingPort
 from drivers.dynamixel.settings import MotorSettings
 from drivers.errors import InputError
 
@@ -33,8 +32,6 @@ MOTORS_EXAMPLES = (
     "Examples: stillgrasp calibrate motors --scan; stillgrasp calibrate motors --config robot.toml -o motors.toml; "
     "stillgrasp calibrate motors --reboot 2"
 )
-PATIENT_REPLY_MARGIN_S = 0.05
-"""Nothing is in a hurry here, and a simulated motor on a shared machine may answer late."""
 
 
 def motors(
@@ -112,7 +109,7 @@ def _scan(path: str, bauds: tuple[int, ...] | None, highest_id: int, as_json: bo
 
 def _reboot(path: str, baud: int, motor_id: int, yes: bool, as_json: bool) -> None:
     clock = MonotonicClock()
-    with _opened(path, baud, clock) as port:
+    with opened_port(path, baud, clock) as port:
         if not yes:
             await_enter(f"motor {motor_id} will let go of its tendon: secure what the hand holds")
         model = discovery.reboot(port, clock, motor_id)
@@ -131,7 +128,7 @@ def _calibrate(
     settings = (_bare(ids[0], tendons), _bare(ids[1], tendons))
     if ids[0] == ids[1]:
         raise InputError(f"--ids {ids[0]} {ids[1]} are one motor; expected two.")
-    with _opened(path, baud, clock) as port:
+    with opened_port(path, baud, clock) as port:
         pair = discovery.find_pair(port, settings)
         found = [TendonMotor(pair.bus, one, pair.model) for one in settings]
         inspections = [motor.inspect() for motor in found]
@@ -147,7 +144,8 @@ def _calibrate(
         spool_radius_m=(tendons.right.spool_radius_m, tendons.left.spool_radius_m),
         slack_m=(max(0.0, -tendons.right.travel_m[0]), max(0.0, -tendons.left.travel_m[0])),
     )
-    write_motor_setup(file, right, left, pair.model.name)
+    for side in write_motor_setup(file, right, left, pair.model.name):
+        say(f"the {side} side's load law was another motor's and is taken out: `stillgrasp calibrate motor-load`")
     _tell(right, left, pair.model.name, file, as_json)
 
 
@@ -176,18 +174,6 @@ def _asked(step: str, found: list[TendonMotor]) -> Ticks:
                 help="See that no other program uses the motors, then start again.",
             )
     return first.position_ticks, second.position_ticks
-
-
-@contextlib.contextmanager
-def _opened(path: str, baud: int, clock: Clock) -> Iterator[WaitingPort]:
-    line = SerialLine(path, baud)
-    try:
-        if line.advice:
-            say(line.advice)
-        margin_s = max(PATIENT_REPLY_MARGIN_S, discovery.reply_margin_s(line.latency_timer_ms))
-        yield WaitingPort(line, clock, baud=baud, reply_margin_s=margin_s)
-    finally:
-        line.close()
 
 
 def _latency_ms(path: str) -> int | None:

@@ -22,8 +22,7 @@ from controller.simulation.device_loop import DeviceLoop, HasFileno
 from controller.simulation.pendant_lines import PendantLines, is_fault
 from controller.simulation.stepped_clock import SteppedClock
 from controller.simulation.takktile_command import TAKKTILE_EXAMPLE, takktile
-from controller.simulation.weight_lines import WEIGHT_LINES_HELP, obey
-from controller.typed_lines import TypedLines
+from controller.simulation.weight_lines import WEIGHT_LINES_HELP, WeightLines
 from drivers.clock import nanoseconds
 from drivers.dynamixel.control_tables import MODELS, XM430_W350, model_by_name
 from drivers.errors import InputError
@@ -148,7 +147,7 @@ def dynamixel(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
     hanging_kg: Annotated[
         tuple[float, float] | None,
-        typer.Option(help=f"Masses on cords instead of springs, right and left; {WEIGHT_LINES_HELP}."),
+        typer.Option(help=f"Masses on cords instead of springs, kg, right and left; {WEIGHT_LINES_HELP}."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -163,9 +162,14 @@ def dynamixel(
     script = FaultScript() if faults is None else read_motor_faults(faults)
     motor_model = model_by_name(model)
     electrics = electrics_of(motor_model)
-    spools = {"friction_Nm": electrics.gear_friction_Nm, "inertia_kgm2": electrics.inertia_kgm2}
-    weights = None if hanging_kg is None else HangingWeights(hanging_kg, **spools)
-    plant = weights or SpringTendons(**spools)
+    plant: SpringTendons | HangingWeights
+    friction_Nm, inertia_kgm2 = electrics.gear_friction_Nm, electrics.inertia_kgm2
+    weight_lines = None
+    if hanging_kg is None:
+        plant = SpringTendons(friction_Nm=friction_Nm, inertia_kgm2=inertia_kgm2)
+    else:
+        plant = HangingWeights(hanging_kg, friction_Nm=friction_Nm, inertia_kgm2=inertia_kgm2)
+        weight_lines = WeightLines(0, plant, _say)
     clock = SteppedClock()
     plant_ns = clock.now_ns()
     motors = SimulatedMotors(
@@ -196,16 +200,11 @@ def dynamixel(
             pty = PtyServer(motors, clock, baud)
         stack.callback(pty.close)
         loop = DeviceLoop(clock, advance, [pty], pty.filenos, _say)
-        lines = None if weights is None else TypedLines(0)
-
-        def hang() -> None:
-            for line in () if weights is None or lines is None else lines.read():
-                try:
-                    obey(line, weights, _say)
-                except InputError as error:
-                    _say(error.message)
-
-        _run(loop, clock, stop, partial(_tell, {"port": str(pty.link or pty.port)}, as_json), lines, hang)
+        ready = partial(_tell, {"port": str(pty.link or pty.port)}, as_json)
+        if weight_lines is None:
+            _run(loop, clock, stop, ready)
+        else:
+            _run(loop, clock, stop, ready, weight_lines, weight_lines.obey)
 
 
 app.command(epilog=TAKKTILE_EXAMPLE)(takktile)
@@ -216,7 +215,7 @@ def _run(
     clock: SteppedClock,
     stop: StopRequests,
     ready: Callable[[], None],
-    buttons: PendantLines | TypedLines | None = None,
+    buttons: PendantLines | WeightLines | None = None,
     press: Callable[[], None] = lambda: None,
 ) -> None:
     """Until a signal; the end of the buttons ends nothing."""
