@@ -4,7 +4,7 @@ A compliant hand does not stall at contact: its load only grows more steeply. Wh
 are averaged over stretches of winding that end with a motor tick: the saw-tooth of the position loop goes from tick to
 tick, and whole teeth average out. With each stretch the meeting of the two lines is fitted anew (`contact_fit.py`).
 Contact is known once the load stands clearly above the free line and enough of the loaded line was
-seen; it is dated back to the meeting. The motion table's contact counts where the fit agrees with it.
+seen; it is dated back to the meeting.
 
 Contact during fast closing, or before the free line is known, is not the table's grasp: early. Where a tactile pad
 watches the finger, the pad says when it touches; the load then only says so where it rises far, for contact beside the
@@ -17,7 +17,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 
-from controller.cycle.contact_fit import ContactFit, fit_contact, weighed_with_table
+from controller.cycle.contact_fit import ContactFit, fit_contact
 
 
 @dataclass(frozen=True)
@@ -36,10 +36,8 @@ class ContactSettings:
     samples: int = 4  # above it in a row
     break_away_m: float = 1e-3  # of winding from the start, in which stiction is overcome
     gate_m: float = 1.5e-3  # contact earlier than this is not this grasp
-    load_deviation_m: float = 3.5e-5  # standard deviation that the fit does not see: drag, ticks, acceleration
+    load_deviation_m: float = 2.5e-5  # standard deviation that the fit does not see: drag, ticks, acceleration
     pad_deviation_m: float = 3e-5  # of the contact that a tactile pad found
-    table_deviation_m: float = 1.5e-5  # of the table's contact, where object and spool zero are as it has them
-    object_deviation_m: float = 4e-4  # where they are not: 8 mm of an object's width
 
 
 @dataclass(frozen=True)
@@ -76,20 +74,17 @@ class FingerContact:
         self._excursions_m: list[float] = []
         self._residuals_N: list[float] = []
         self._fit: ContactFit | None = None
-        self._found: tuple[float, float] | None = None
+        self._found_m = expected.contact_excursion_m
+        self.deviation_m = math.inf
+        """Standard deviation of the contact that was found."""
+        self.by_pad = False
+        """Whether the pad found it."""
         self.touch = Touch.FREE
 
     @property
     def contact_excursion_m(self) -> float:
-        """Excursion of first contact, back-dated, m: what load or pad found, weighed with the table's; the table's
-        until contact was found."""
-        expected_m, settings = self._expected.contact_excursion_m, self._settings
-        if self.touch is not Touch.TOUCHING or self._found is None:
-            return expected_m
-        found_m, deviation_m = self._found
-        return weighed_with_table(
-            found_m, deviation_m, expected_m, settings.table_deviation_m, settings.object_deviation_m
-        )
+        """Excursion of first contact, back-dated, m, as load or pad found it; the table's until contact was found."""
+        return self._found_m if self.touch is Touch.TOUCHING else self._expected.contact_excursion_m
 
     @property
     def onset_load_N(self) -> float:
@@ -106,6 +101,7 @@ class FingerContact:
     def take_pad(self, excursion_m: float) -> Touch:
         """The finger's pad touches, and did so first at this finger-side excursion; returns what is known now."""
         if self.touch is Touch.FREE and math.isfinite(excursion_m):
+            self.by_pad = True
             self._settle_on(excursion_m, self._settings.pad_deviation_m)
         return self.touch
 
@@ -186,5 +182,5 @@ class FingerContact:
 
     def _settle_on(self, found_m: float, deviation_m: float) -> None:
         early = found_m < self._expected.contact_excursion_m - self._settings.gate_m
-        self._found = (found_m, deviation_m)
+        self._found_m, self.deviation_m = found_m, deviation_m
         self.touch = Touch.EARLY if early else Touch.TOUCHING

@@ -83,20 +83,25 @@ def fit_contact(
     )
 
 
-def weighed_with_table(
-    found_m: float, deviation_m: float, expected_m: float, table_deviation_m: float, object_deviation_m: float
-) -> float:
-    """First contact from what was found and what the table expects, m.
+class TableTrust(NamedTuple):
+    """How far the table's contact is believed: right to `right_m` where the table's object and spool zeros are those of
+    the hand, to `wrong_m` where they are not (standard deviations), with `odds` to one that they are."""
 
-    Either the table's object and zero are those of the hand, and its contact is right to `table_deviation_m`; or one of
-    them is not, and it is right to `object_deviation_m` only. What was found tells which, by its own deviation: found
-    near the expected contact, that is where contact was; found elsewhere, the table has no weight.
+    right_m: float = 1.5e-5
+    wrong_m: float = 4e-4
+    odds: float = 4.0
+
+
+def weighed_with_table(excess_m: float, deviation_m: float, trust: TableTrust) -> float:
+    """What is left of an excess over the table's contact that was found with this standard deviation, m.
+
+    A mean of two cases, weighed by how well each explains what was found: found near the expected contact, that is
+    where contact was; found elsewhere, the table has no weight.
     """
-    excess_m = found_m - expected_m
     mean_m = weight_sum = 0.0
-    for prior_m in (table_deviation_m, object_deviation_m):
+    for prior_m, odds in ((trust.right_m, trust.odds), (trust.wrong_m, 1.0)):
         variance_m2 = prior_m**2 + deviation_m**2
-        weight = math.exp(-0.5 * min(excess_m**2 / variance_m2, 1000.0)) / math.sqrt(variance_m2)
+        weight = odds * math.exp(-0.5 * min(excess_m**2 / variance_m2, 1000.0)) / math.sqrt(variance_m2)
         weight_sum += weight
         mean_m += weight * excess_m * prior_m**2 / variance_m2
-    return expected_m + mean_m / weight_sum
+    return mean_m / weight_sum

@@ -3,14 +3,18 @@
 Both fingers wind at equal rate through the contact zone. If the object stands off the hand's axis, one finger touches
 first and pushes the object before it, against the support's drag, until the other touches too: only then it is gripped.
 So the motion table begins at the later of both contacts where they lie far apart, and at each finger's own where they
-do not. Excursions are finger-side, m; order right, left.
+do not. The table's own contacts count where what was found agrees with them: for mean and difference apart, as the
+object's first load is shared by chance between the fingers and makes one early and the other late. Excursions are
+finger-side, m; order right, left.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from controller.cycle.contact import ContactSettings, FingerContact, FingerExpectation, Touch
+from controller.cycle.contact_fit import TableTrust, weighed_with_table
 from controller.cycle.pads import PadWatch
 from controller.cycle.planar_table import PlanarTable
 from controller.messages import HandState, Pair, Reason
@@ -27,6 +31,8 @@ class SearchSettings:
     turning_rate_m_s: float = 3e-4  # of a spool that winds; slower, gear friction may hide its load
     load_lag_s: float = 0.01  # of the tension behind the excursion: the load law's filter
     off_centre_m: float = 2e-4  # of excursion between both contacts: some 2 mm of object
+    sharing_deviation_m: float = 7e-5  # of the contacts' difference, where load found them
+    trust: TableTrust = field(default_factory=TableTrust)
 
 
 class ContactSearch:
@@ -41,8 +47,17 @@ class ContactSearch:
 
     @property
     def found_m(self) -> Pair:
-        """Each finger's own first contact; the table's where none was found."""
-        return self.fingers[0].contact_excursion_m, self.fingers[1].contact_excursion_m
+        """Each finger's own first contact, weighed with the table's; the table's while not both are known."""
+        expected, settings = self._table.contact_excursion_m, self._settings
+        if self.outcome() is not Reason.NONE:
+            return expected
+        right, left = self.fingers
+        late_m = right.contact_excursion_m - expected[0], left.contact_excursion_m - expected[1]
+        deviation_m = math.hypot(right.deviation_m, left.deviation_m)
+        shared_m = 0.0 if right.by_pad and left.by_pad else settings.sharing_deviation_m
+        mean_m = weighed_with_table(0.5 * (late_m[0] + late_m[1]), 0.5 * deviation_m, settings.trust)
+        difference_m = weighed_with_table(late_m[0] - late_m[1], math.hypot(deviation_m, shared_m), settings.trust)
+        return expected[0] + mean_m + 0.5 * difference_m, expected[1] + mean_m - 0.5 * difference_m
 
     @property
     def onset_load_N(self) -> Pair:

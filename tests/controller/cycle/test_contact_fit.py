@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.optimize import curve_fit
 
-from controller.cycle.contact_fit import fit_contact, weighed_with_table
+from controller.cycle.contact_fit import TableTrust, fit_contact, weighed_with_table
 
 RISE_N_PER_M = 16_000.0
 STEP_N = 0.6
 BLUR_M = 5e-5
-TABLE_M, OBJECT_M = 1.5e-5, 4e-4
+TRUST = TableTrust()
 metres = st.floats(-8e-4, 8e-4)
 
 
@@ -80,23 +80,19 @@ def test_moved_along_both_axes_it_moves_along() -> None:
 @given(metres, st.floats(1e-6, 2e-4))
 def test_the_weighed_contact_lies_between_table_and_found(excess_m: float, deviation_m: float) -> None:
     """Never outside both, and odd: early is treated as late is."""
-    later_m = weighed_with_table(0.012 + excess_m, deviation_m, 0.012, TABLE_M, OBJECT_M) - 0.012
-    earlier_m = weighed_with_table(0.012 - excess_m, deviation_m, 0.012, TABLE_M, OBJECT_M) - 0.012
+    later_m = weighed_with_table(excess_m, deviation_m, TRUST)
+    earlier_m = weighed_with_table(-excess_m, deviation_m, TRUST)
     assert min(0.0, excess_m) - 1e-12 <= later_m <= max(0.0, excess_m) + 1e-12
     assert later_m == pytest.approx(-earlier_m, abs=1e-12)
 
 
 def test_near_the_table_the_table_holds_and_far_from_it_what_was_found() -> None:
     """An exact table is not spoiled by 0.03 mm of noise; one that is 0.3 mm wrong does not pull."""
-    deviation_m = 4e-5
-    near_m = weighed_with_table(0.012 + 3e-5, deviation_m, 0.012, TABLE_M, OBJECT_M) - 0.012
-    far_m = weighed_with_table(0.012 + 3e-4, deviation_m, 0.012, TABLE_M, OBJECT_M) - 0.012
-    assert 0.0 < near_m < 1e-5
-    assert far_m == pytest.approx(3e-4, abs=5e-6)
+    assert 0.0 < weighed_with_table(3e-5, 3e-5, TRUST) < 1e-5
+    assert weighed_with_table(3e-4, 3e-5, TRUST) == pytest.approx(3e-4, abs=3e-6)
 
 
 @given(st.floats(-1e-3, 1e-3))
 def test_wherever_contact_is_the_table_spoils_it_little(excess_m: float) -> None:
-    """Between near and far too: never more than 0.06 mm away from what was found to 0.04 mm."""
-    weighed_m = weighed_with_table(0.012 + excess_m, 4e-5, 0.012, TABLE_M, OBJECT_M) - 0.012
-    assert abs(weighed_m - excess_m) < 6e-5
+    """Between near and far too: never more than 0.07 mm away from what was found to 0.03 mm."""
+    assert abs(weighed_with_table(excess_m, 3e-5, TRUST) - excess_m) < 7e-5
