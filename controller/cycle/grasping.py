@@ -7,12 +7,14 @@ wind at equal rate. When either motor reaches its load cap, or the table its end
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from calibration.motion_table import MotionTable, Status
 from controller.cycle.compensation import STILL, PlanarMotion, hand_offset
 from controller.cycle.contact_search import ContactSearch, SearchSettings
 from controller.cycle.grasp_state import COMPENSATED, GRIPPING, GraspEvent, GraspPhase, HandStatus, next_phase
+from controller.cycle.load_cap import LoadCap, LoadCapWatch
 from controller.cycle.motion_index import IndexReading, IndexSettings, MotionIndex
 from controller.cycle.pads import PadWatch
 from controller.cycle.planar_table import PlanarTable, finger_excursion_m
@@ -77,11 +79,16 @@ class Grasping:
         self._settings = settings
         self._profile = WindingProfile(period_s, settings.winding)
         self._index: MotionIndex | None = None
+        self.make_index: Callable[[PlanarTable, float, IndexSettings, float], MotionIndex] = MotionIndex
+        """What observes the index of a grasp; a study puts others beside it."""
         self._contact: ContactSearch | None = None
         self._token = 0
         self._searching = False
         self._opening = False
         self._gripped_at_fault = False
+        self._freeing = False
+        """Released in a fault: fingers may be trapped, and no arm that lags behind slows that down."""
+        self._load_watch = LoadCapWatch(LoadCap(settings.load_cap_N))
         self._friction_sign = 0.0
         self._supply_V: Pair = (12.0, 12.0)
         self._last_sample_ns = -1
@@ -97,6 +104,11 @@ class Grasping:
         self.offset_target: PlanarMotion = STILL
         self.winding = self._profile.state
         self.outcomes: list[Outcome] = []
+
+    @property
+    def index(self) -> MotionIndex | None:
+        """What observes the index of this grasp, or did of the last one."""
+        return self._index
 
     @property
     def compensated(self) -> bool:
@@ -146,7 +158,7 @@ class Grasping:
         if (reason := self.enter(GraspEvent.CLOSE)) is not Reason.NONE:
             return reason
         settings = self._settings
-        self._index = MotionIndex(table, self._period_s, settings.index, settings.contact_zone_m)
+        self._index = self.make_index(table, self._period_s, settings.index, settings.contact_zone_m)
         self._index.start(hand)
         self._contact = ContactSearch(settings.search, table, self.pads)
         self._supply_V = (
@@ -201,8 +213,10 @@ class Grasping:
         table = self.table
         if table is None:
             return Reason.NO_TABLE
+        failed = self.phase is GraspPhase.FAULT
         if (reason := self.enter(GraspEvent.RELEASE)) is not Reason.NONE:
             return reason
+        self._freeing = failed
         self._end_token(EventKind.FAILED, Reason.SUPERSEDED)
         self._profile.place(self._profile.state.position_m)
         self._profile.move(-table.mean_contact_m, rate_m_s=self._settings.release_rate_m_s)
@@ -212,6 +226,12 @@ class Grasping:
     def open(self) -> None:
         """Let the hand process pay out whatever it holds; for when no grasp is under way."""
         self._opening = True
+
+    def clear_fault(self) -> None:
+        """The fault is over: what was held goes on being held where it now is."""
+        self.enter(GraspEvent.FAULT_CLEARED)
+        if self.phase is GraspPhase.HOLDING and self._index is not None:
+            self._profile.place(self._index.winding_m)
 
     def fail(self, reason: Reason) -> None:
         """A fault: keep the object. Winding ends here and now; the hand process freezes both excursions."""
@@ -232,12 +252,16 @@ class Grasping:
             mode = HandMode.OPEN if self._opening else HandMode.FREEZE
             self._set_point = HandSetPoint((0.0, 0.0), (self._settings.free_load_cap_N,) * 2, mode)
             return self._set_point
+        if self._freeing and self.phase is GraspPhase.RELEASING:
+            throttle = 1.0
         self.winding = self._profile.step(0.0 if self._stop_reason is not None else throttle)
         is_winding = self.winding.rate_m_s > 1e-6
         if sample_ns > self._last_sample_ns:
             self._last_sample_ns = sample_ns
             self._index.take(hand, sample_ns, now_ns, winding=is_winding)
-            self._watch_load(hand)
+            at_cap = self._load_watch.reached(hand.tension_N, hand.derating, sample_ns)
+            if at_cap and self.phase is GraspPhase.SQUEEZING:
+                self._halt(Reason.LOAD_CAP_REACHED)
             if self.phase is GraspPhase.CLOSING and is_winding:
                 self._search(hand, now_ns)
         self.reading = self._index.advance(self.winding, self.index_kind)
@@ -310,10 +334,6 @@ class Grasping:
         self._end_token(EventKind.FAILED, reason)
         self.enter(GraspEvent.CLOSING_FAILED)
         self._opening = True
-
-    def _watch_load(self, hand: HandState) -> None:
-        if self.phase is GraspPhase.SQUEEZING and max(hand.tension_N) >= self._settings.load_cap_N:
-            self._halt(Reason.LOAD_CAP_REACHED)
 
     def _halt(self, reason: Reason) -> None:
         if self._stop_reason is None or self._stop_reason is Reason.NONE:

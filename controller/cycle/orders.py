@@ -108,7 +108,7 @@ class Orders:
 
     def _clear_fault(self, command: CycleCommand) -> Reason:
         self.fault = Reason.NONE
-        self._grasping.enter(GraspEvent.FAULT_CLEARED)
+        self._grasping.clear_fault()
         return self._done(command)
 
     def _shut_down(self, command: CycleCommand) -> Reason:
