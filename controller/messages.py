@@ -43,8 +43,9 @@ class HandFault(IntFlag):
     OVERLOADED = 64
     VOLTAGE = 128
     RESTARTED = 256  # a motor was without supply for a moment: it lost its settings, and its torque
-    OTHER_MODE = 512  # a motor was found holding in a mode that winds no tendon, and is left so
+    OTHER_MODE = 512  # a motor was found holding in a mode, or with a zero, in which it cannot be driven; it is left so
     ONE_SILENT = 1024  # one motor answers and the other does not: it may be without supply
+    OUTSIDE_TURN = 2048  # a spool left the one turn in which its motor knows its place
 
 
 @dataclass(frozen=True)
@@ -232,6 +233,7 @@ class Reason(IntEnum):
     HAND_RESTARTED = 104
     HAND_OTHER_MODE = 105
     HAND_MOTOR_SILENT = 106
+    HAND_OUTSIDE_TURN = 107
 
 
 EVENT_VALUES: Final = 8

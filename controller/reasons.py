@@ -150,8 +150,15 @@ EXPLANATIONS: Final[dict[Reason, Explanation]] = {
     ),
     Reason.HAND_OTHER_MODE: Explanation(
         "hand_other_mode",
-        "A tendon motor was found holding in a mode that winds no tendon; it is left holding and takes no set-points.",
-        "`hand.open`, or secure the object; then switch the motors off and restart the daemon.",
+        "A tendon motor was found holding in a mode, or with a direction or zero, in which it cannot be driven; it is "
+        "left holding and takes no set-points.",
+        "`status` says what it is. `hand.open`, or secure the object; then switch the motors off and restart the "
+        "daemon.",
+    ),
+    Reason.HAND_OUTSIDE_TURN: Explanation(
+        "hand_outside_turn",
+        "A tendon was let out or pulled in beyond the one turn in which its motor knows its place; it is led back.",
+        "Bring the spool back by hand if it stays there; clamp it so that all of its travel lies within the turn.",
     ),
     Reason.HAND_MOTOR_SILENT: Explanation(
         "hand_motor_silent",

@@ -25,6 +25,7 @@ _HAND_FAULTS = (
     (HandFault.ONE_SILENT, Reason.HAND_MOTOR_SILENT),
     (HandFault.BUS_LOST, Reason.HAND_BUS_LOST),
     (HandFault.OTHER_MODE, Reason.HAND_OTHER_MODE),
+    (HandFault.OUTSIDE_TURN, Reason.HAND_OUTSIDE_TURN),
     (HandFault.REFUSED, Reason.HAND_REFUSED),
     (HandFault.NO_REPLY, Reason.HAND_SILENT),
     (HandFault.VOLTAGE, Reason.HAND_VOLTAGE),

@@ -224,6 +224,9 @@ class Daemon:
             if self._phase == "starting":
                 self._phase_end_ns = self._clock.now_ns() + nanoseconds(LONGEST_PROMPT_S)
         child.prompts.clear()
+        for code, text in child.warnings:
+            self._front.warn(code, text)
+        child.warnings.clear()
         if child.motor_firmware is not None and self._guard_bus is not None and self._guard is not None:
             self._guard = Guard(self._guard_bus, self._clock, self._guard.safety_firmware, child.motor_firmware)
             child.motor_firmware = None

@@ -32,6 +32,7 @@ from drivers.errors import CommandError, StillgraspError
 REQUESTS_A_STEP = 16
 HEARTBEAT_S = 0.02
 STATE_RATE_HZ = 100.0
+WARNINGS_KEPT = 20
 _ATTENTION_NS = nanoseconds(0.01)
 """A step that comes later than this after the one before has not been listening in between."""
 
@@ -114,6 +115,7 @@ class Front:
         """Why there is no hand process any more, where that is so; set by who supervises it, shown in `status`."""
         self.tactile_lost = ""
         """The same of the tactile process; pads that are away themselves are told by `TactileWatch`."""
+        self._warnings: list[dict[str, str]] = []
         self.stopped = False
         self.stop_reason = Reason.NONE
         """With `stopped`: NONE if the arm is idle, else why that is not known."""
@@ -144,6 +146,12 @@ class Front:
     def tell(self, event: str, code: str, message: str, help: str = "") -> None:
         """Tell all clients and the operator of something that no request caused."""
         self._broadcast(event, {"code": code, "message": message, "help": help}, self._clock.now_ns())
+
+    def warn(self, code: str, message: str) -> None:
+        """Tell it, and go on showing it in `status`: something about a device that whoever comes later should know."""
+        if (warning := {"code": code, "message": message}) not in self._warnings:
+            self._warnings = [*self._warnings[1 - WARNINGS_KEPT :], warning]
+            self.tell("warning", code, message)
 
     def shut_down(self) -> None:
         """Ask the cycle to stop along its path, hold and go idle. Raises LinkError if it cannot be asked."""
@@ -193,6 +201,7 @@ class Front:
                 "cycle_lost": self.cycle_lost,
                 "hand_lost": self.hand_lost,
                 "tactile_lost": self.tactile_lost or ("" if self._tactile is None else self._tactile.lost),
+                "warnings": self._warnings,
             }
         if isinstance(command, asked.TableList):
             return {"tables": self._shelf.listing()}

@@ -7,7 +7,6 @@ nor on exit. A motor that lost its torque stays without until the hand is told t
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import dataclass
 
 from controller.cycle.pacer import Pacer
@@ -51,10 +50,13 @@ class HandPart:
         self._goal_m: Pair = (0.0, 0.0)
         self._mode = HandMode.FREEZE
         self._last: TendonSample | None = None
+        self._warnings: list[str] = []
 
     def start(self) -> None:
         """Find both motors and adopt what they hold. Raises DeviceError."""
-        self._tendons.start()
+        for identity in self._tendons.start():
+            found = [*identity.warnings, *([identity.refusal] if identity.refusal else [])]
+            self._warnings += [f"tendon motor {identity.motor_id} {text}" for text in found]
         self._last = self._tendons.exchange()
         self._goal_m = self._last.excursion_m
         self.pacer.restart()
@@ -77,6 +79,11 @@ class HandPart:
             pass  # an answer was lost while rearming: the watchdog still shows, and the next round tries again
         if self._last is not None:
             self._publish(self._last, fault)
+
+    def take_warnings(self) -> list[str]:
+        """What the operator has not been told yet: how the motors were found, or why one cannot be brought up."""
+        taken, self._warnings = self._warnings, []
+        return taken
 
     def stop(self) -> None:
         """The end: both motors hold their excursions by themselves. Raises DeviceError."""
@@ -123,8 +130,14 @@ class HandPart:
         """The hand is to open, so that nothing is held any more: a motor without torque may be switched on again."""
         if all(sample.torque_on) or any(sample.hardware_error):
             return
-        with contextlib.suppress(NoReplyError, ProtocolError):  # it still shows, and the next opening tries again
+        try:
             self._tendons.restore()
+        except (NoReplyError, ProtocolError):
+            pass  # it still shows, and the next opening tries again
+        except BusError:
+            raise
+        except DeviceError as error:
+            self._warnings.append(str(error))
 
     def _judge(self, sample: TendonSample) -> HandFault:
         fault = HandFault.NONE
@@ -140,6 +153,8 @@ class HandPart:
             fault |= HandFault.TORQUE_LOST
         if any(sample.restarted):
             fault |= HandFault.RESTARTED
+        if any(sample.outside_turn):
+            fault |= HandFault.OUTSIDE_TURN
         if any(identity.refusal for identity in self._tendons.identities):
             fault |= HandFault.OTHER_MODE
         return fault

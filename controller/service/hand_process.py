@@ -44,7 +44,7 @@ def run_hand(assignment: Assignment, lifeline: Lifeline, stop: StopRequests) -> 
     line = ReopeningLine(serial_line, lambda: SerialLine(tendons.port, tendons.baud), clock)
     try:
         if serial_line.advice:
-            _say(serial_line.advice)
+            lifeline.say(Word.WARNING, f"latency_timer\n{serial_line.advice}")
         margin_s = SIMULATED_REPLY_MARGIN_S if assignment.simulated else reply_margin_s(serial_line.latency_timer_ms)
         port = WaitingPort(line, clock, baud=tendons.baud, reply_margin_s=margin_s)
         pair = TendonPair(port, clock, tendon_motors(config))
@@ -52,6 +52,7 @@ def run_hand(assignment: Assignment, lifeline: Lifeline, stop: StopRequests) -> 
         find(hand.start, assignment.simulated)
         for identity in pair.identities:
             _say(_introduction(identity))
+        _warn(hand, lifeline)
         priority = config.cycle.priority - _BELOW_CYCLE
         enter_realtime(RealtimeSettings(priority=priority if priority > 0 else None, freeze_garbage=True))
         lifeline.say(Word.READY)
@@ -59,6 +60,7 @@ def run_hand(assignment: Assignment, lifeline: Lifeline, stop: StopRequests) -> 
         while not (end_ns and (cycle.closed or clock.now_ns() > end_ns)):
             clock.sleep_until_ns(hand.pacer.deadline_ns)
             hand.step()
+            _warn(hand, lifeline)
             if not end_ns and (stop.received is not None or lifeline.closed):
                 end_ns = clock.now_ns() + nanoseconds(LONGEST_END_S)
         hand.stop()
@@ -75,8 +77,14 @@ def _introduction(motor: MotorIdentity) -> str:
     watched = "" if motor.protocol == 2 else "; it has no bus watchdog, so that it goes on holding if this process dies"
     return (
         f"tendon motor {motor.motor_id} is a {motor.model_name}, firmware {motor.firmware}, protocol "
-        f"{motor.protocol}.0; it {how}{watched}."
+        f"{motor.protocol}.0; it {how}{watched}; it lets go on {motor.shuts_down_on}."
     )
+
+
+def _warn(hand: HandPart, lifeline: Lifeline) -> None:
+    """Let the front tell what there is to know of the motors."""
+    for text in hand.take_warnings():
+        lifeline.say(Word.WARNING, f"hand_motor\n{text}")
 
 
 def _say(text: str) -> None:

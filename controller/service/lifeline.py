@@ -26,6 +26,7 @@ class Word(IntEnum):
     PROMPT = 6  # from the cycle: its code, and in the next line what the operator is asked for
     MOTORS = 7  # from the cycle: firmware of the arm's motor pucks
     FAULT = 8  # to the world: something that goes wrong with the arm, or after "motors" with these, as JSON
+    WARNING = 9  # from a child: a code, and in the next line what the operator should know
 
 
 class Saying(NamedTuple):

@@ -33,6 +33,8 @@ class Child:
         self.motor_firmware: int | None = None
         self.prompts: list[tuple[str, str]] = []
         """Code and words of what it asked the operator for; for the front to take."""
+        self.warnings: list[tuple[str, str]] = []
+        """The same of what it warned of."""
         self._process = process
         self._ended = False
 
@@ -105,6 +107,9 @@ class Child:
             elif saying.word is Word.PROMPT:
                 code, _, text = saying.text.partition("\n")
                 self.prompts.append((code, text))
+            elif saying.word is Word.WARNING:
+                code, _, text = saying.text.partition("\n")
+                self.warnings.append((code, text))
             elif saying.word is Word.MOTORS:
                 self.motor_firmware = int(saying.text)
             else:

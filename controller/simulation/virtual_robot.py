@@ -267,6 +267,8 @@ class VirtualRobot:
             self.hand.start()
             return 0
         self.hand.step()
+        for text in self.hand.take_warnings():
+            self.front.warn("hand_motor", text)
         return self.hand.pacer.deadline_ns
 
     def _step_front(self) -> int:

@@ -409,3 +409,19 @@ def test_handing_tables_over_leaks_no_descriptor(office: Office) -> None:
         office.tell(EventKind.ACCEPTED, command.token)
         office.tell(EventKind.COMPLETED, command.token)
     assert len(os.listdir("/proc/self/fd")) == before
+
+
+def test_a_warning_is_told_once_and_stays_in_the_status(office: Office) -> None:
+    """Who connects later must find out too what is amiss with a device; twenty at most, the newest."""
+    office.ask("hello")
+    office.only_answer()
+    for _ in range(2):
+        office.front.warn("hand_motor", "tendon motor 1 is hot.")
+    told = office.only_answer()
+    assert (told["event"], told["code"], told["message"]) == ("warning", "hand_motor", "tendon motor 1 is hot.")
+    for number in range(25):
+        office.front.warn("hand_motor", f"number {number}.")
+    office.answers()
+    office.ask("status", seq=2)
+    warnings = office.only_answer()["result"]["warnings"]
+    assert [warning["message"] for warning in warnings] == [f"number {number}." for number in range(5, 25)]

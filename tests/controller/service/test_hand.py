@@ -346,3 +346,31 @@ def test_a_motor_in_another_mode_is_told_and_kept(rig: Rig) -> None:
     state = again.run(0.3, (0.012, 0.012))
     assert state.fault == HandFault.OTHER_MODE | HandFault.REFUSED
     assert again.springs.tension_N(0) == pytest.approx(held_N, rel=0.05)
+
+
+def test_what_is_amiss_with_the_motors_is_told_once(rig: Rig) -> None:
+    """Adopted motors that would have been refused, and ones that cannot be brought up again: the operator must know."""
+    rig.run(1.0, (0.008, 0.008))
+    rig.hand.stop()
+    rig.motors.motors[0].put("shutdown", 0x20)
+    rig.motors.motors[1].put("drive_mode", 1)
+    again = Rig(motors=rig.motors, springs=rig.springs)
+    again.clock.advance_to_ns(rig.clock.now_ns())
+    again._physics_ns = rig._physics_ns
+    again.start()
+    right, left = again.hand.take_warnings()
+    assert right.startswith("tendon motor 1 does not shut down on overheating, electrical shock (Shutdown 32).")
+    assert left.startswith("tendon motor 2 has Drive Mode 1, reverse")
+    assert again.hand.take_warnings() == []
+    assert HandFault.OTHER_MODE in again.run(0.1).fault
+
+
+def test_a_motor_that_cannot_be_brought_up_says_why(rig: Rig) -> None:
+    """Asked to open after a restart, with its tendon off and its spool where no excursion is."""
+    rig.run(1.0, (0.008, 0.008))
+    rig.motors.motors[0].reboot(rig.clock.now_ns())
+    rig.springs._stiffness_N_per_m = (0.0, 3000.0)
+    rig.springs._angle_rad[0] = (4050 - 600) * TICK_M / 0.0105
+    rig.run(0.8, (0.008, 0.008))
+    rig.run(0.5, (0.0, 0.0), HandMode.OPEN)
+    assert "lost its turn or its zero is wrong" in rig.hand.take_warnings()[-1]
