@@ -45,7 +45,7 @@ _PLANT_STEP_NS = nanoseconds(0.0005)
 
 @app.command(
     epilog="Example: stillgrasp simulate wam --firmware 200 --faults faults.toml --channel can.sock --json; then, in "
-    'Python: can.Bus(interface="seqpacket", channel="can.sock"). A fault, in faults.toml: [[fault]] on = "active", '
+    'Python: can.Bus(interface="seqpacket", channel="can.sock"). A fault, in faults.toml: \\[\\[fault]] on = "active", '
     'at_s = 0.5, for_s = 0.1, action = { kind = "drop", node = 3 }, each on a line of its own.'
 )
 def wam(
@@ -127,7 +127,7 @@ def wam(
 
 @app.command(
     epilog="Example: stillgrasp simulate dynamixel --model MX-28 --ids 1 2 --json; then open its port with "
-    'dynamixel-sdk at 1 Mbit/s. A fault, in faults.toml: [[fault]] on = "torque_on", at_s = 2, '
+    'dynamixel-sdk at 1 Mbit/s. A fault, in faults.toml: \\[\\[fault]] on = "torque_on", at_s = 2, '
     'action = { kind = "hardware_error", motors = [1], error = "overload" }, each on a line of its own.'
 )
 def dynamixel(

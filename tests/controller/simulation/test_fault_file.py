@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
+from controller.simulation.device_commands import app
 from controller.simulation.fault_file import motor_fault, read_wam_faults, wam_fault
 from drivers.errors import ConfigurationError
 from drivers.simulated.arm_faults import Press, Silence
@@ -113,3 +115,10 @@ def test_a_typed_fault_of_the_motors_is_the_script_s() -> None:
     assert motor_fault('{"action": {"kind": "supply", "volts": 9}, "for_s": 1}') == Fault(
         action=Supply(volts=9), for_s=1
     )
+
+
+@pytest.mark.parametrize("device", ["wam", "dynamixel", "takktile"])
+def test_help_shows_a_script_as_it_is_written(device: str) -> None:
+    """Double brackets are markup to the help's printer, which showed a user `[]`."""
+    shown = CliRunner().invoke(app, [device, "--help"], env={"COLUMNS": "300"}).stdout
+    assert "faults.toml: [[fault]] on = " in " ".join(shown.split())
