@@ -12,7 +12,7 @@ import contextlib
 import json
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -24,13 +24,13 @@ from calibration.motor_file import SIDES, read_motor_file
 from calibration.motor_load import ACCEPTED_RMS, ACCEPTED_WORST, Acceptance
 from calibration.motor_load_plan import LoadPlan, plan_load
 from calibration.motor_load_readings import MotorReadings, read_readings, write_readings
-from controller.answers import Answers
 from controller.calibration_options import AsJson, Config, say
 from controller.config import RobotConfig, load_config
 from controller.motor_line import opened_port
 from controller.motor_load_dialogue import LoadDialogue, Unit
 from controller.motor_load_report import conclude
 from controller.motor_load_run import LoadRun
+from controller.prompts import Prompts
 from controller.service.assembly import tendon_motors
 from drivers.clock import MonotonicClock
 from drivers.dynamixel.control_tables import XM430_W350, MotorModel, model_by_name
@@ -182,16 +182,16 @@ def _measure(
         with _held(pair):
             stands_m = pair.exchange().excursion_m
             plans = {side: wanted.plan(motors[i], model, stands_m[i]) for i, side in enumerate(SIDES) if side in sides}
-            answers = Answers(sys.stdin.fileno(), say)
+            prompts = Prompts(sys.stdin.fileno(), say)
             for side, plan in plans.items():
                 index = SIDES.index(side)
                 for note in plan.notes:
                     say(note)
                 if not yes:
-                    _confirm(answers, pair, side, plan)
+                    _confirm(prompts, pair, side, plan)
                 run = LoadRun(pair, clock, motors, index, plan, GOAL_PERIOD_S)
                 run.go(plan.start_m)
-                found = tuple(LoadDialogue(run, plan, answers, unit, side, say).measure())
+                found = tuple(LoadDialogue(run, plan, prompts, unit, side, say).measure())
                 identity = identities[index]
                 measured.append(_readings(side, identity.model_name, identity.firmware, found))
     return measured
@@ -201,9 +201,9 @@ def _readings(side: str, model: str, firmware: int, found: tuple[Any, ...]) -> M
     return MotorReadings("right" if side == "right" else "left", model, firmware, found)
 
 
-def _confirm(answers: Answers, pair: TendonPair, side: str, plan: LoadPlan) -> None:
+def _confirm(prompts: Prompts, pair: TendonPair, side: str, plan: LoadPlan) -> None:
     lower_mm, upper_mm = 1e3 * plan.start_m, 1e3 * (plan.start_m + plan.stroke_m)
-    answers.ask(
+    prompts.ask(
         f"the {side} motor will turn between {lower_mm:.1f} and {upper_mm:.1f} mm of tendon, pulling up to "
         f"{plan.cap_N:.0f} N: take the tendon off its finger, hang the cord from the spool, hands off, and press Enter",
         pair.exchange,
@@ -211,7 +211,7 @@ def _confirm(answers: Answers, pair: TendonPair, side: str, plan: LoadPlan) -> N
 
 
 @contextlib.contextmanager
-def _held(pair: TendonPair) -> Any:
+def _held(pair: TendonPair) -> Iterator[None]:
     """However it ends, both motors hold where they are, and go on without being talked to."""
     try:
         yield

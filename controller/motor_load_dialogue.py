@@ -14,8 +14,8 @@ from enum import StrEnum
 from calibration.grasp.friction import STANDARD_GRAVITY_M_PER_S2
 from calibration.motor_load import Reading
 from calibration.motor_load_plan import LoadPlan
-from controller.answers import Answers
 from controller.motor_load_run import LoadRun
+from controller.prompts import Prompts
 from drivers.dynamixel.load_law import SpoolMotion
 from drivers.errors import InputError
 
@@ -46,7 +46,7 @@ class LoadDialogue:
 
     run: LoadRun
     plan: LoadPlan
-    answers: Answers
+    prompts: Prompts
     unit: Unit
     side: str
     say: Callable[[str], None]
@@ -112,4 +112,4 @@ class LoadDialogue:
             )
 
     def _ask(self, request: str) -> str:
-        return self.answers.ask(request, self.run.hold)
+        return self.prompts.ask(request, self.run.hold)

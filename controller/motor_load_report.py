@@ -92,18 +92,19 @@ def _tell(
         told = {"file": None if refusals else str(file.absolute()), "plot": str(plot.absolute()), **rows}
         typer.echo(json.dumps({**told, "accepted": not refusals}))
         return
+    typer.echo(f"{'':26}" + "".join(f"{side:>14}" for side in rows))
     for name in next(iter(rows.values())):
         if name not in ("refusal", "worst_reading"):
             typer.echo(f"{name:26}" + "".join(f"{row[name]:>14}" for row in rows.values()))
     for side, refusal in refusals.items():
         say(f"{side} motor: {refusal}")
+    typer.echo(
+        f"accepted are residuals of {acceptance.rms:.1%} of the span in the mean and {acceptance.worst:.1%} at most"
+    )
     if refusals:
         typer.echo("not accepted: nothing was written")
     else:
-        typer.echo(
-            f"{file}: written, at most {acceptance.rms:.1%} of the span in the mean and {acceptance.worst:.1%} at most "
-            "were accepted; name it in robot.toml as tendons.own_file"
-        )
+        typer.echo(f"{file}: written; name it in robot.toml as tendons.own_file")
 
 
 def _row(fit: LoadFit, law: MeasuredLaw, refusal: str) -> dict[str, Any]:

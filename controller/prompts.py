@@ -1,4 +1,4 @@
-"""Answers of an operator, a line each, while something else goes on: a motor with a weight must be kept talking."""
+"""Questions to an operator, answered by a line each, while something else goes on: a motor with a weight is watched."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from controller.typed_lines import TypedLines
 from drivers.errors import InputError
 
 
-class Answers:
+class Prompts:
     """Lines from `descriptor`; prompts go out through `say`."""
 
     def __init__(self, descriptor: int, say: Callable[[str], None]) -> None:
