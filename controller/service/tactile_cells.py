@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controller.pad_messages import CellState
 from drivers.clock import nanoseconds
@@ -19,6 +20,7 @@ from drivers.takktile.pads import CellReadings
 from drivers.takktile.quality import BROKEN, CellQuality
 
 LASTING_S = 1.0
+_BROKEN = int(BROKEN)
 
 
 def cell_states(
@@ -29,10 +31,11 @@ def cell_states(
 ) -> tuple[CellState, ...]:
     """Every mapped cell, right before left; one that is not among the bridge's `cells` is dead."""
     raw, quality = readings.raw.tolist(), readings.quality.tolist()
-    known = np.where(readings.quality & CellQuality.NO_ZERO, 0.0, readings.counts).tolist()
-    zero, zero_temperature = np.nan_to_num(readings.zero_counts).tolist(), readings.zero_temperature.tolist()
-    smooth = np.nan_to_num(readings.temperature).tolist()
-    force_N = np.where(readings.quality & CellQuality.NO_ZERO, 0.0, readings.force_N).tolist()
+    unknown = (readings.quality & CellQuality.NO_ZERO) > 0
+    known = np.where(unknown, 0.0, readings.counts).tolist()
+    zero, zero_temperature = _known(readings.zero_counts), _known(readings.zero_temperature)
+    smooth = _known(readings.temperature)
+    force_N = np.where(unknown, 0.0, readings.force_N).tolist()
     place_of = {cell: index for index, cell in enumerate(cells)}
     states = []
     for finger, pad in enumerate(pads):
@@ -49,29 +52,38 @@ def cell_states(
     return tuple(states)
 
 
+def _known(values: NDArray[np.float64]) -> list[float]:
+    """With 0 for what is not known: JSON has no NaN."""
+    known: list[float] = np.where(np.isnan(values), 0.0, values).tolist()
+    return known
+
+
 class CellFaults:
     """Tells `say` of cells that are broken, and of those that are no more."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
-        self._told: dict[Cell, CellQuality] = {}
-        self._since: dict[Cell, tuple[CellQuality, int]] = {}
+        self._told: dict[Cell, int] = {}
+        self._seen: list[int] = []
+        self._since_ns = 0
+        self._is_told = True
 
     def take(self, states: tuple[CellState, ...], sample_ns: int) -> None:
-        """The cells of one frame."""
-        changed: dict[CellQuality, list[str]] = {}
-        for state in states:
+        """The cells of one frame: what is so of all of them, once it has lasted."""
+        faults = [state.quality & _BROKEN for state in states]
+        if faults != self._seen:
+            self._seen, self._since_ns, self._is_told = faults, sample_ns, False
+        if self._is_told or sample_ns - self._since_ns < nanoseconds(LASTING_S):
+            return
+        self._is_told = True
+        changed: dict[int, list[str]] = {}
+        for state, fault in zip(states, faults, strict=True):
             cell = Cell(state.row, state.column)
-            fault = CellQuality(state.quality) & BROKEN
-            seen, since_ns = self._since.get(cell, (fault, sample_ns))
-            if fault != seen:
-                since_ns = sample_ns
-            self._since[cell] = fault, since_ns
-            if fault != self._told.get(cell, CellQuality.GOOD) and sample_ns - since_ns >= nanoseconds(LASTING_S):
+            if fault != self._told.get(cell, 0):
                 self._told[cell] = fault
                 changed.setdefault(fault, []).append(f"{cell.row}:{cell.column}")
         for fault, names in changed.items():
-            self._say(f"tactile cell{'s' if names[1:] else ''} {', '.join(names)}: {_words(fault)}")
+            self._say(f"tactile cell{'s' if names[1:] else ''} {', '.join(names)}: {_words(CellQuality(fault))}")
 
 
 def _words(fault: CellQuality) -> str:

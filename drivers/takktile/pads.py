@@ -157,8 +157,8 @@ class Pads:
             zeroed = np.isfinite(self._zero)
             flags[~zeroed] |= CellQuality.NO_ZERO
             self._quality = flags
-            drift = self._thermal * np.nan_to_num(self._watch.temperature - self._zero_temperature)
-            self.counts = counts - np.where(zeroed, self._zero + drift, 0.0)
+            zero = self._zero + self._thermal * (self._watch.temperature - self._zero_temperature)
+            self.counts = counts - np.where(np.isnan(zero), 0.0, zero)
         if free and self._taring is None:
             weight = 1.0 - exp(-elapsed_s / self._settings.drift_s)
             self._zero = self._zero + weight * np.where(flags == CellQuality.GOOD, self.counts, 0.0)

@@ -54,11 +54,15 @@ class QualitySettings:
     warmest_count: int = 70
     coldest_count: int = 850
     """105 °C and −40 °C, the barometer's range."""
-    stuck_s: float = 2.0
-    """A bridge that does not wait for its cells repeats readings (TakkTile reference 2), but not for as long."""
+    stuck_s: float = 4.0
+    stuck_frames: int = 100
+    """Both, of one reading: a bridge that does not wait for its cells repeats readings (TakkTile reference 2), and a
+    quiet cell gives one twice, but not for as long."""
     noisy_counts: float = 4.0
     """Standard deviation, Pcomp counts."""
     noise_s: float = 0.5
+    noise_frames: int = 50
+    """Judged over both, at least."""
     implausible_share: float = 0.5
     """Of the cells of one frame; with more, the frame is none."""
 
@@ -73,6 +77,7 @@ class QualityWatch:
         self._pressure: NDArray[np.int64] | None = None
         self._words: NDArray[np.int64] | None = None
         self._changed_ns = np.zeros(count, dtype=np.int64)
+        self._same_frames = np.zeros(count, dtype=np.int64)
         self._counts: NDArray[np.float64] | None = None
         self._difference: NDArray[np.float64] | None = None
         self._variance: NDArray[np.float64] = np.zeros(count)
@@ -129,10 +134,14 @@ class QualityWatch:
         if self._words is None:
             self._changed_ns[:] = sample_ns
         else:
-            self._changed_ns[(raw != self._words).any(axis=1)] = sample_ns
+            changed = (raw != self._words).any(axis=1)
+            self._changed_ns[changed] = sample_ns
+            self._same_frames += 1
+            self._same_frames[changed] = 0
         self._words = raw
-        stuck: NDArray[np.bool_] = sample_ns - self._changed_ns > nanoseconds(self._settings.stuck_s)
-        return stuck
+        settings = self._settings
+        stuck: NDArray[np.bool_] = sample_ns - self._changed_ns > nanoseconds(settings.stuck_s)
+        return stuck & (self._same_frames >= settings.stuck_frames)
 
     def _noise(self, counts: NDArray[np.float64], lost: NDArray[np.bool_], elapsed_s: float) -> NDArray[np.bool_]:
         """Which are noisy, with hysteresis. Of noise, differences that follow each other tend to opposite signs; those
@@ -142,7 +151,7 @@ class QualityWatch:
         before = np.zeros_like(counts) if self._difference is None else self._difference
         difference[lost | self._lost] = 0.0
         self._lost = lost
-        weight = 1.0 - exp(-elapsed_s / self._settings.noise_s)
+        weight = min(1.0 - exp(-elapsed_s / self._settings.noise_s), 1.0 / self._settings.noise_frames)
         opposed = -np.sign(difference * before) * np.minimum(np.abs(difference), np.abs(before)) ** 2
         limit = self._settings.noisy_counts**2
         opposed = np.clip(opposed / _OPPOSED_OF_WHITE, -16.0 * limit, 16.0 * limit)  # so that its end shows soon

@@ -34,7 +34,7 @@ def quality(strip: Any) -> CellQuality:
     ("action", "flag", "after_s"),
     [
         (Dead(cells=HIT), CellQuality.DEAD, 0.05),
-        (Stuck(cells=HIT), CellQuality.STUCK, 2.1),
+        (Stuck(cells=HIT), CellQuality.STUCK, 4.1),
         (Noise(cells=HIT, counts=20.0), CellQuality.NOISY, 1.0),
         (Warmth(cells=HIT, kelvin=20.0), CellQuality.IMPLAUSIBLE, 0.05),
         (Warmth(cells=HIT, kelvin=-90.0), CellQuality.IMPLAUSIBLE, 0.05),
@@ -114,9 +114,9 @@ def test_load_is_not_taken_for_a_fault(seed: int, steps: list[float], slope: flo
 
 
 def test_a_bridge_that_repeats_for_ever_is_stuck() -> None:
-    """The same reading of all cells for more than two seconds tells nothing of now."""
+    """The same reading of all cells for more than four seconds tells nothing of now."""
     watch = QualityWatch(3)
     raw = np.array([[400, 498], [410, 500], [390, 490]])
-    flags = [watch.take(n * 8_000_000, raw, np.zeros(3)) for n in range(300)]
-    assert not flags[240].any()
+    flags = [watch.take(n * 8_000_000, raw, np.zeros(3)) for n in range(520)]
+    assert not flags[490].any()
     assert (flags[-1] == CellQuality.STUCK).all()
