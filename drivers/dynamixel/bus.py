@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 from drivers.errors import BusError, DeviceError, NoReplyError, ProtocolError
 
@@ -26,8 +26,7 @@ COMM_SUCCESS, COMM_RX_TIMEOUT = 0, -3001
 """Result codes of dynamixel-sdk."""
 
 
-@dataclass(frozen=True, slots=True)
-class Status:
+class Status(NamedTuple):
     """A good reply: from whom, what its error byte tells of the motor, and the parameters."""
 
     motor_id: int
@@ -46,6 +45,24 @@ class PingAnswer:
     model_number: int
     firmware: int
     alert: bool
+
+
+class PackedRequests:
+    """Requests as the SDK packed them: those that are sent again and again are not packed again."""
+
+    MOST = 64
+
+    def __init__(self) -> None:
+        self._packed: dict[tuple[int, int, bytes], list[int]] = {}
+
+    def get(self, motor_id: int, instruction: int, parameters: bytes) -> list[int] | None:
+        """The packet, if it is known."""
+        return self._packed.get((motor_id, instruction, parameters))
+
+    def keep(self, motor_id: int, instruction: int, parameters: bytes, packet: list[int]) -> None:
+        """Remember a request that reads, as long as there is room; a scan's thousands are not worth it."""
+        if instruction in (READ, SYNC_READ, FAST_SYNC_READ) and len(self._packed) < self.MOST:
+            self._packed[motor_id, instruction, parameters] = packet
 
 
 class MotorBus(Protocol):

@@ -23,6 +23,7 @@ from drivers.dynamixel.bus import (
     READ,
     SYNC_WRITE,
     WRITE,
+    PackedRequests,
     PingAnswer,
     Status,
     failed_reply,
@@ -60,6 +61,7 @@ class Protocol1Bus:
 
     def __init__(self, port: WaitingPort) -> None:
         self._port = port
+        self._requests = PackedRequests()
         self._handler: PacketHandler = Protocol1PacketHandler()
         self._sent: list[int] = []
 
@@ -106,13 +108,19 @@ class Protocol1Bus:
         return self._port.surplus()
 
     def _send(self, motor_id: int, instruction: int, parameters: bytes, *, reply_bytes: int) -> None:
-        packet = [0, 0, motor_id, len(parameters) + 2, instruction, *parameters, 0]
-        try:
-            result = self._handler.txPacket(self._port, packet)
-        finally:
-            self._port.is_using = False  # the SDK leaves it set when the line throws
-        if result != COMM_SUCCESS:
-            raise not_sent(instruction, result)
+        packet = self._requests.get(motor_id, instruction, parameters)
+        if packet is not None:
+            self._port.clearPort()
+            self._port.writePort(packet)
+        else:
+            packet = [0, 0, motor_id, len(parameters) + 2, instruction, *parameters, 0]
+            try:
+                result = self._handler.txPacket(self._port, packet)
+            finally:
+                self._port.is_using = False  # the SDK leaves it set when the line throws
+            if result != COMM_SUCCESS:
+                raise not_sent(instruction, result)
+            self._requests.keep(motor_id, instruction, parameters, packet)
         self._sent = packet
         self._port.setPacketTimeout(reply_bytes)
 

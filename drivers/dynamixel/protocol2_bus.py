@@ -27,6 +27,7 @@ from drivers.dynamixel.bus import (
     SYNC_READ,
     SYNC_WRITE,
     WRITE,
+    PackedRequests,
     PingAnswer,
     Status,
     failed_reply,
@@ -117,6 +118,7 @@ class Protocol2Bus:
     def __init__(self, port: WaitingPort) -> None:
         self.fast = False
         self._port = port
+        self._requests = PackedRequests()
         self._handler: PacketHandler = StuffingPacketHandler()
 
     def ping(self, motor_id: int) -> PingAnswer:
@@ -186,14 +188,20 @@ class Protocol2Bus:
         )
 
     def _send(self, motor_id: int, instruction: int, parameters: bytes, *, reply_bytes: int) -> None:
-        length = len(parameters) + 3
-        packet = [0, 0, 0, 0, motor_id, length & 0xFF, length >> 8, instruction, *parameters, 0, 0]
-        try:
-            result = self._handler.txPacket(self._port, packet)
-        finally:
-            self._port.is_using = False  # the SDK leaves it set when the line throws
-        if result != COMM_SUCCESS:
-            raise not_sent(instruction, result)
+        packet = self._requests.get(motor_id, instruction, parameters)
+        if packet is not None:
+            self._port.clearPort()
+            self._port.writePort(packet)
+        else:
+            length = len(parameters) + 3
+            packet = [0, 0, 0, 0, motor_id, length & 0xFF, length >> 8, instruction, *parameters, 0, 0]
+            try:
+                result = self._handler.txPacket(self._port, packet)
+            finally:
+                self._port.is_using = False  # the SDK leaves it set when the line throws
+            if result != COMM_SUCCESS:
+                raise not_sent(instruction, result)
+            self._requests.keep(motor_id, instruction, parameters, packet)
         self._port.setPacketTimeout(reply_bytes)
 
     def _receive(self, motor_id: int, length: int, request: str) -> Status:
