@@ -33,7 +33,9 @@ class Scene:
     support; its outline is turned by `outline_angle_rad` more, as first contact places it in the hand. The arm stands
     at `joint_rad` (7, rad). `seed` draws the arm's imperfections and the noise of the motors' current or load, of which
     `motor_noise_counts` is the standard deviation. `motor_effort_offset`: what right and left motor tell too much of
-    their effort while they pull in, A (XM430) or part of full output; it grows by `motor_effort_drift_per_s`."""
+    their effort while they pull in, A (XM430) or part of full output; it grows by `motor_effort_drift_per_s`.
+    `hand`: the hand as it truly is, where it is not as the installation believes. `spool_zero_error_m`: how much more
+    than is wound in the right and left motor tell, to the next tick."""
 
     object: str = "cylinder40"
     object_xyz_m: tuple[float, float, float] = (0.80, 0.0, 0.55)
@@ -44,6 +46,8 @@ class Scene:
     motor_noise_counts: float = 0.0
     motor_effort_offset: tuple[float, float] = (0.0, 0.0)
     motor_effort_drift_per_s: tuple[float, float] = (0.0, 0.0)
+    hand: Hand | None = None
+    spool_zero_error_m: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,7 @@ def build_devices(
     T_world_object = np.array([[cos, -sin, 0, 0], [sin, cos, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], dtype=np.float64)
     T_world_object[:3, 3] = scene.object_xyz_m
     world = World(
-        hand,
+        scene.hand or hand,
         load_object(scene.object),
         parameters,
         T_world_base=config.T_world_base,
@@ -95,16 +99,18 @@ def build_devices(
         [
             SimulatedMotorSettings(
                 motor.id,
-                motor.zero_ticks,
+                motor.zero_ticks
+                + motor.tightening_sign * round(zero_error_m / (motor.spool_radius_m * model.tick_rad)),
                 motor.tightening_sign,
                 model,
                 effort_offset=offset,
                 effort_drift_per_s=drift_per_s,
             )
-            for motor, offset, drift_per_s in zip(
+            for motor, offset, drift_per_s, zero_error_m in zip(
                 (config.tendons.right, config.tendons.left),
                 scene.motor_effort_offset,
                 scene.motor_effort_drift_per_s,
+                scene.spool_zero_error_m,
                 strict=True,
             )
         ],
