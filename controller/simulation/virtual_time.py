@@ -37,6 +37,11 @@ class VirtualTime:
         self._parts.append(part)
         heapq.heappush(self._due, (self.now_ns if first_ns is None else first_ns, rank))
 
+    @property
+    def part_names(self) -> list[str]:
+        """Who is stepped, by rank."""
+        return [part.name for part in self._parts]
+
     def run_until(self, deadline_ns: int, satisfied: Callable[[], bool] = lambda: False) -> bool:
         """Step parts until `satisfied` (True) or until the next moment lies after `deadline_ns` (False)."""
         while not satisfied():
