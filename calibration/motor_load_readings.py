@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -76,7 +76,7 @@ def read_readings(file: Path) -> list[MotorReadings]:
     else:
         rows = load_document(file)
         entries = rows.get("reading", ())
-        places = [f"reading {number}" for number in range(1, len(entries) + 1)]
+        places = [f"reading {number}" for number in range(1, len(entries) + 1)] if isinstance(entries, list) else []
     document = from_document(rows, _File, file, written_as=lambda key: _as_written(key, places))
     motors = []
     for side in ("right", "left"):
@@ -169,16 +169,3 @@ def _as_written(key: str, places: Sequence[str]) -> str:
     if not number.isdigit() or int(number) >= len(places):
         return key
     return f"{places[int(number)]}, {name}" if name else places[int(number)]
-
-
-def summary(readings: Sequence[Reading]) -> Mapping[str, float]:
-    """Number of readings, and the ends of their tensions, N, and speeds, m/s."""
-    tensions_N = [reading.tension_N for reading in readings]
-    speeds_m_s = [abs(reading.rate_m_s) for reading in readings]
-    return {
-        "readings": len(readings),
-        "least_N": min(tensions_N),
-        "most_N": max(tensions_N),
-        "slowest_m_s": min(speeds_m_s),
-        "fastest_m_s": max(speeds_m_s),
-    }

@@ -17,7 +17,7 @@ import numpy as np
 
 from calibration.motor_load import Reading
 from calibration.motor_load_plan import LoadPlan
-from drivers.clock import Clock, nanoseconds
+from drivers.clock import Clock, nanoseconds, seconds
 from drivers.dynamixel.bus import motor_name
 from drivers.dynamixel.load_law import LoadLaw, SpoolMotion
 from drivers.dynamixel.motor import hardware_error_text
@@ -32,7 +32,7 @@ TRAVEL_SPEED_M_S = 0.010
 UNEVEN_S, UNEVEN_PART = 0.3, 0.25
 """Of the beginning of a stroke that are not read: the spool comes up to speed."""
 LARGEST_LAG_M = 0.008
-MOST_MISSED = 20
+LONGEST_SILENCE_S = 0.5
 FEWEST_SAMPLES = 20
 UNSTEADY_N, UNSTEADY_PART = 4.0, 0.15
 """By how much the two halves of a stroke may differ, of the tension too."""
@@ -213,7 +213,7 @@ class LoadRun:
         seen_N = self.law.tension(
             mean.effort, motion, rate_m_s=mean.rate_m_s, supply_V=mean.voltage_V, temperature_C=mean.temperature_C
         ).tension_N
-        if seen_N < 0.4 * tension_N - self.law.friction_tension_N:
+        if seen_N + self.law.friction_tension_N < 0.5 * tension_N:
             raise InputError(
                 f"{place}: the motor carries some {seen_N:.0f} N; expected about {tension_N:.0f}.",
                 help="Has the weight come off, or does it rest on something?",
@@ -241,7 +241,7 @@ class LoadRun:
             raise self._error(f"reports {hardware_error_text(error)} and may have let go.", "Secure the weight.")
         if not sample.torque_on[index] or sample.restarted[index]:
             raise self._error("let go: it restarted, or was switched off.", "Secure the weight; check the supply.")
-        if sample.missed[index] >= MOST_MISSED:
+        if seconds(self._clock.now_ns() - sample.sample_ns[index]) > LONGEST_SILENCE_S:
             raise self._pair.last_miss or NoReplyError(self._name, "has fallen silent.", help="Check its plug.")
         if sample.watchdog_tripped[index]:
             raise self._error("heard nothing for too long, and holds.", "Start again on a machine less busy.")
