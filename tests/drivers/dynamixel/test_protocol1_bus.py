@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import dynamixel_sdk
@@ -61,22 +60,6 @@ def make_bus(*replies: str | bytes) -> tuple[Protocol1Bus, AnsweringLine]:
     clock = VirtualClock()
     line = AnsweringLine(clock, *(bytes.fromhex(r) if isinstance(r, str) else r for r in replies))
     return Protocol1Bus(WaitingPort(line, clock)), line
-
-
-@pytest.mark.parametrize(
-    ("request_hex", "act"),
-    [
-        ("FF FF 02 05 03 22 99 01 39", lambda bus: bus.write(2, 34, (409).to_bytes(2, "little"))),  # B5
-        ("FF FF FE 0A 83 1E 02 01 00 02 02 58 02 F5", lambda b: b.sync_write(30, {1: b"\0\2", 2: b"\x58\2"})),  # B6
-        ("FF FF 01 04 03 18 00 DF", lambda bus: bus.write(1, 24, b"\0")),  # B9
-    ],
-)
-def test_requests_are_the_worked_packets(request_hex: str, act: Callable[[Protocol1Bus], object]) -> None:
-    """What leaves for the motors is, byte for byte, what the reference worked out."""
-    request = bytes.fromhex(request_hex)
-    bus, line = make_bus("FF FF 02 02 00 FB" if request[2] == 2 else OK_1)
-    act(bus)
-    assert line.sent == [request]
 
 
 def test_block_read_is_the_worked_packet_and_gives_its_values() -> None:

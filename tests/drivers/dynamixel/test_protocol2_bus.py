@@ -1,6 +1,5 @@
 """Port and checked transactions against the worked packets of the reference, and against what a bad line does."""
 
-from collections.abc import Callable
 from typing import Any
 
 import dynamixel_sdk
@@ -61,8 +60,6 @@ def make_bus(*replies: str | bytes) -> tuple[Protocol2Bus, ScriptedLine, Virtual
     return Protocol2Bus(WaitingPort(line, clock)), line, clock
 
 
-OK_1 = "FF FF FD 00 01 04 00 55 00 A1 0C"
-OK_2 = "FF FF FD 00 02 04 00 55 00 29 0C"
 A15 = "FF FF FD 00 FE 1D 00 55 00 01 D2 00 FD FF FF FF 00 08 00 00 2C 77 00 02 DB FF 00 00 00 00 D2 05 00 00 7C 71"
 A12 = "FF FF FD 00 01 0E 00 55 00 D2 00 FD FF FF FF 00 08 00 00 B7 1C"
 A13 = "FF FF FD 00 02 0E 00 55 80 00 00 00 00 00 00 D2 05 00 00 CA BB"
@@ -101,46 +98,6 @@ def statuses(bus: Protocol2Bus) -> tuple[Status, ...]:
 
 def value_of(data: bytes) -> int:
     return int.from_bytes(data, "little", signed=True)
-
-
-@pytest.mark.parametrize(
-    ("request_hex", "act", "reply_hex"),
-    [
-        ("FF FF FD 00 01 06 00 03 40 00 01 DB 66", lambda bus: bus.write(1, 64, b"\x01"), OK_1),  # A5
-        ("FF FF FD 00 02 07 00 03 66 00 6A FF 45 EB", lambda bus: bus.write(2, 102, b"\x6a\xff"), OK_2),  # A7
-        ("FF FF FD 00 01 06 00 03 09 00 00 69 63", lambda bus: bus.write(1, 9, b"\x00"), OK_1),  # A8
-        ("FF FF FD 00 01 06 00 03 62 00 05 68 E4", lambda bus: bus.write(1, 98, b"\x05"), OK_1),  # A9
-        (
-            "FF FF FD 00 FE 0D 00 83 66 00 02 00 01 78 00 02 78 00 4F 84",  # A10
-            lambda bus: bus.sync_write(102, {1: b"\x78\x00", 2: b"\x78\x00"}),
-            OK_1,
-        ),
-        (
-            "FF FF FD 00 01 0A 00 03 74 00 FF FF FD FD 00 21 E7",  # A18: stuffed, unlike the bare SDK
-            lambda bus: bus.write(1, 116, b"\xff\xff\xfd\x00"),
-            OK_1,
-        ),
-        ("FF FF FD 00 01 03 00 08 2F 4E", lambda bus: bus.reboot(1), OK_1),  # A19
-    ],
-)
-def test_requests_are_the_worked_packets(
-    request_hex: str, act: Callable[[Protocol2Bus], object], reply_hex: str
-) -> None:
-    """What leaves for the motors is, byte for byte, what the reference worked out."""
-    bus, line, _ = make_bus(reply_hex)
-    act(bus)
-    assert line.sent == [bytes.fromhex(request_hex)]
-
-
-def test_ping_and_read_take_the_worked_answers() -> None:
-    """A1 to A4: model 1020 with firmware 45, and −37 counts of current."""
-    bus, line, _ = make_bus("FF FF FD 00 02 07 00 55 00 FC 03 2D 1D 73", "FF FF FD 00 01 06 00 55 00 DB FF CB 83")
-    assert bus.ping(2) == PingAnswer(1020, 45, False)
-    assert value_of(bus.read(1, 126, 2).parameters) == -37
-    assert line.sent == [
-        bytes.fromhex("FF FF FD 00 02 03 00 01 19 72"),
-        bytes.fromhex("FF FF FD 00 01 07 00 02 7E 00 02 00 35 49"),
-    ]
 
 
 def test_fast_sync_read_takes_the_worked_answer_apart() -> None:

@@ -48,55 +48,6 @@ def test_reader_finds_a_packet_behind_noise_in_pieces(noise: bytes, cuts: list[i
     assert [packet.wire for packet in found] == [good]
 
 
-@pytest.mark.parametrize(
-    ("request_hex", "answer_hex"),
-    [
-        ("FF FF FD 00 02 03 00 01 19 72", "FF FF FD 00 02 07 00 55 00 FC 03 2D 1D 73"),  # A1, A2
-        ("FF FF FD 00 01 06 00 03 40 00 01 DB 66", "FF FF FD 00 01 04 00 55 00 A1 0C"),  # A5, A6
-        ("FF FF FD 00 01 06 00 03 09 00 00 69 63", "FF FF FD 00 01 04 00 55 00 A1 0C"),  # A8
-        ("FF FF FD 00 01 06 00 03 62 00 05 68 E4", "FF FF FD 00 01 04 00 55 00 A1 0C"),  # A9
-        ("FF FF FD 00 FE 0D 00 83 66 00 02 00 01 78 00 02 78 00 4F 84", ""),  # A10
-        ("FF FF FD 00 01 03 00 08 2F 4E", "FF FF FD 00 01 04 00 55 00 A1 0C"),  # A19
-    ],
-)
-def test_worked_packets(bench: Bench, request_hex: str, answer_hex: str) -> None:
-    """Requests and answers as the reference worked them out."""
-    assert bench.say(request_hex) == bytes.fromhex(answer_hex)
-
-
-def test_worked_values_are_taken(bench: Bench) -> None:
-    """A7, A10, A18: negative current, sync write, stuffed position arrive as the numbers that were meant."""
-    assert bench.write(1, "operating_mode", 4) == 0
-    bench.say("FF FF FD 00 02 07 00 03 66 00 6A FF 45 EB")
-    assert bench.read(2, "goal_current") == -150
-    bench.say("FF FF FD 00 FE 0D 00 83 66 00 02 00 01 78 00 02 78 00 4F 84")
-    assert (bench.read(1, "goal_current"), bench.read(2, "goal_current")) == (120, 120)
-    # A18's value, 0x00FDFFFF, is beyond 256 turns: taken apart rightly, it is refused with a data range error
-    assert bench.say("FF FF FD 00 01 0A 00 03 74 00 FF FF FD FD 00 21 E7")[8] == 4
-
-
-def test_worked_group_reads(bench: Bench) -> None:
-    """A3, A4, A11 to A17: reads of one, of both, fast, in bulk, with and without alert, byte for byte."""
-    values = [motor._values for motor in bench.sim.motors]
-    values[0].update(present_current=-37)
-    assert bench.say("FF FF FD 00 01 07 00 02 7E 00 02 00 35 49").hex() == "fffffd000106005500dbffcb83"
-    values[0].update(present_current=210, present_velocity=-3, present_position=2048)
-    values[1].update(present_current=-37, present_velocity=0, present_position=1490)
-    assert bench.say("FF FF FD 00 FE 09 00 8A 7E 00 0A 00 01 02 BB 1A") == bytes.fromhex(
-        "FF FF FD 00 FE 1D 00 55 00 01 D2 00 FD FF FF FF 00 08 00 00 2C 77 00 02 DB FF 00 00 00 00 D2 05 00 00 7C 71"
-    )
-    values[1].update(present_current=0, hardware_error_status=0x20)
-    assert bench.say("FF FF FD 00 FE 09 00 82 7E 00 0A 00 01 02 38 92") == bytes.fromhex(
-        "FF FF FD 00 01 0E 00 55 00 D2 00 FD FF FF FF 00 08 00 00 B7 1C"
-        "FF FF FD 00 02 0E 00 55 80 00 00 00 00 00 00 D2 05 00 00 CA BB"
-    )
-    values[0].update(hardware_error_status=0x20)
-    bulk = bench.say("FF FF FD 00 FE 0D 00 92 01 46 00 01 00 02 90 00 03 00 66 F9")
-    assert bulk.startswith(bytes.fromhex("FF FF FD 00 01 05 00 55 80 20 99 21"))
-    assert bulk[12:21] == bytes.fromhex("FF FF FD 00 02 07 00 55 80")
-    assert bulk[21:-2] == bytes((120, 0, 30))
-
-
 def test_refusals_are_the_protocol_s(bench: Bench) -> None:
     """Range, access, length, limit, instruction and CRC errors (A20, A21), and nothing changes by them."""
     assert bench.write(2, "operating_mode", 99) == 4
