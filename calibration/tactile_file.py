@@ -5,6 +5,7 @@ Units: N a count, counts of compensated pressure a temperature count (TakkTile r
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -13,6 +14,7 @@ import msgspec
 from msgspec import Meta
 
 from calibration.toml_files import FieldError, read_toml
+from drivers.errors import InputError
 from drivers.takktile.calibration import PadCalibration
 from drivers.takktile.frames import Cell
 from drivers.wam.own_file import write_own_file
@@ -71,6 +73,18 @@ def read_tactile_file(file: Path) -> TactileFile:
     return read_toml(file, TactileFile)
 
 
+def check_tactile_file(file: Path) -> None:
+    """Whether a calibration can be written there, before somebody lays out weights for half an hour.
+
+    Raises ConfigurationError for a damaged file, and InputError for a place that cannot be written.
+    """
+    if file.exists():
+        read_tactile_file(file)
+    directory = next(parent for parent in file.absolute().parents if parent.exists())
+    if not directory.is_dir() or not os.access(directory, os.W_OK):
+        raise InputError(f"{file} cannot be written.", help="Name a file in a directory of yours.")
+
+
 def write_pad(file: Path, side: str, pad: PadCalibration, residual_N: float) -> None:
     """Lay one side's calibration over the file, which need not exist. Raises ConfigurationError and InputError."""
     changes: dict[str, object] = {
@@ -80,8 +94,7 @@ def write_pad(file: Path, side: str, pad: PadCalibration, residual_N: float) -> 
         f"{side}_coefficients": list(pad.coefficients),
         f"{side}_residual_N": round(residual_N, 4),
     }
-    if file.exists():
-        read_tactile_file(file)  # a damaged file is told before it is written over
+    check_tactile_file(file)
     write_own_file(file, changes, header=_HEADER)
 
 

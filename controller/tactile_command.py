@@ -24,7 +24,7 @@ from calibration.tactile import (
     fit_thermal,
     plan,
 )
-from calibration.tactile_file import SIDES, write_pad
+from calibration.tactile_file import SIDES, check_tactile_file, write_pad
 from controller.calibration_options import AsJson, Config, await_enter, say
 from controller.config import Tactile, load_config
 from controller.service.tactile_assembly import configured_cells, open_bridge
@@ -160,6 +160,7 @@ def tactile(
         )
     masses_kg = mass or DEFAULT_MASSES_KG
     plan(configured_cells(robot.tactile, side), masses_kg)  # told before anything is opened
+    check_tactile_file(file)
     clock = MonotonicClock()
     with contextlib.closing(Bridge(open_bridge(robot.tactile, clock), clock)) as bridge:
         meter = PadMeter(bridge, clock, robot.tactile, side)

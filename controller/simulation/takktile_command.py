@@ -25,7 +25,7 @@ from drivers.simulated.takktile_lines import TakktileServer
 from drivers.takktile.frames import Cell, Firmware
 
 TAKKTILE_EXAMPLE = (
-    "Example: stillgrasp simulate takktile --channel pads.sock --json; in robot.toml, under [tactile]: "
+    "Example: stillgrasp simulate takktile --channel pads.sock --json; in robot.toml, in the table tactile: "
     'interface = "socket", channel = "pads.sock". Forces, on standard input: right 1.5; or on one cell: 0:2 1.5. '
     'A fault, in faults.toml: \\[\\[fault]] on = "sampling", at_s = 5, for_s = 2, action = { kind = "unplug" }, each on a '
     "line of its own."

@@ -124,6 +124,8 @@ def test_weights_in_the_prompted_places_calibrate_the_pad(
         (["right"], "it is not said where"),
         (["right", "-o", "{directory}/x.toml", "--mass", "0.1"], "too few"),
         (["right", "-o", "{directory}/x.toml", "--config", "{directory}/none.toml"], "no tactile pads"),
+        (["right", "-o", "{directory}/robot.toml/x.toml"], "cannot be written"),
+        (["right", "-o", "{directory}/robot.toml"], "robot.toml: tactile"),
     ],
 )
 def test_bad_input_is_one_clear_line(
