@@ -36,6 +36,8 @@ LONGEST_SILENCE_S = 0.5
 FEWEST_SAMPLES = 20
 UNSTEADY_N, UNSTEADY_PART = 4.0, 0.15
 """By how much the two halves of a stroke may differ, of the tension too."""
+START_S = 0.15
+"""It takes some effort to get a spool going, which is no level of a scale."""
 SCALE_LAST_M = 0.0025
 SCALE_LEAST_M = 0.0006
 """Of the way to a level: what is read, and the least that must be."""
@@ -116,7 +118,7 @@ class LoadRun:
         for sample, tension_N in self._moving(end_m, speed_m_s):
             taken.append(sample)
             reached = motion.value * (tension_N - level_N) >= 0.0 and abs(sample.rate_m_s) > 0.5 * speed_m_s
-            if reached:
+            if reached and sample.time_s - taken[0].time_s > START_S:
                 break
         stopped_m = self._rest(2.0 * SETTLE_S)
         if not reached and motion is SpoolMotion.WINDING:
