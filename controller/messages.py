@@ -45,6 +45,8 @@ class HandFault(IntFlag):
     RESTARTED = 256  # a motor was without supply for a moment: it lost its settings, and its torque
     OTHER_MODE = 512  # a motor was found holding in a mode, or with a zero, in which it cannot be driven; it is left so
     ONE_SILENT = 1024  # one motor answers and the other does not: it may be without supply
+    POSITION_JUMP = 2048  # a motor's position was all at once somewhere else, and stayed there
+    HOT = 4096  # heat lowers what a motor may give
     OUTSIDE_TURN = 2048  # a spool left the one turn in which its motor knows its place
 
 
@@ -233,6 +235,8 @@ class Reason(IntEnum):
     HAND_RESTARTED = 104
     HAND_OTHER_MODE = 105
     HAND_MOTOR_SILENT = 106
+    HAND_POSITION_JUMP = 107
+    HAND_HOT = 108
     HAND_OUTSIDE_TURN = 107
 
 

@@ -108,7 +108,9 @@ EXPLANATIONS: Final[dict[Reason, Explanation]] = {
         "offset_lag", "The compensating offset cannot keep up.", "Squeeze more slowly, or raise compensation limits."
     ),
     Reason.HAND_SILENT: Explanation(
-        "hand_silent", "No fresh sample of the tendon motors.", "Check the hand's power and serial line."
+        "hand_silent",
+        "No fresh sample of the tendon motors: what they hold is not known.",
+        "Check the hand's power and serial line.",
     ),
     Reason.HAND_HARDWARE: Explanation(
         "hand_hardware", "A tendon motor reports a hardware error.", "Read its error bits."
@@ -164,6 +166,17 @@ EXPLANATIONS: Final[dict[Reason, Explanation]] = {
         "hand_motor_silent",
         "One tendon motor does not answer. Without supply it has let go: the object may have been dropped.",
         "Secure the object; check that motor's plug and cable.",
+    ),
+    Reason.HAND_POSITION_JUMP: Explanation(
+        "hand_position_jump",
+        "The position of a tendon motor is all at once somewhere else, and stays there: its encoder failed, or its "
+        "spool slipped. Its loop has pulled or let out tendon by as much: the object may have been dropped.",
+        "Secure the object, then `hand.open`; restart the daemon, and calibrate zero_ticks again or replace the motor.",
+    ),
+    Reason.HAND_HOT: Explanation(
+        "hand_hot",
+        "A tendon motor is hot: its load cap is lowered, so that it does not let go.",
+        "Put the object down soon and let the hand rest; see hand.temperature_C and hand.derating in `status`.",
     ),
     Reason.ARM_NOT_READY: Explanation(
         "arm_not_ready",

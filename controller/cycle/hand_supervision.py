@@ -2,8 +2,9 @@
 
 While something is, or may be, in the hand each worse one is a fault, also behind a fault of the arm: that the object
 may have been dropped is not to be hidden by what came before. An empty hand stops nothing, so there they are warnings,
-and closing is refused. A hardware error under which the motors go on pulling may be cleared with its cause still
-standing (it stays until they are rebooted, and that lets go); from then on only worse ones are told.
+and closing is refused. A hot motor goes on, with a lower cap: always a warning. A hardware error under which the motors
+go on pulling may be cleared with its cause still standing (it stays until they are rebooted, and that lets go); from
+then on only worse ones are told.
 """
 
 from __future__ import annotations
@@ -25,7 +26,9 @@ class HandSupervision:
         self._safety = safety
         self._grasping = grasping
         self._orders = orders
-        self._told = self._known = Reason.NONE
+        self._failed = self._warned = self._known = 0
+        """Ranks of the worst that was told as a fault since the last was cleared, as a warning, and of what was so when
+        a fault was cleared."""
         self._well_cycles = 0
 
     def look(self, hand: HandState | None, age_s: float) -> None:
@@ -33,18 +36,20 @@ class HandSupervision:
         orders, grasping = self._orders, self._grasping
         if hand is None:
             return
-        reason = orders.hand_fault = self._safety.hand(age_s, hand.fault)
-        if orders.fault is Reason.NONE and grasping.compensated:
-            self._told = self._known
-        self._well_cycles = 0 if reason is not Reason.NONE else self._well_cycles + 1
+        reason = self._safety.hand(age_s, hand.fault)
+        rank, is_hot = HAND_REASONS.index(reason), reason is Reason.HAND_HOT
+        orders.hand_fault = Reason.NONE if is_hot else reason
+        self._well_cycles = 0 if rank else self._well_cycles + 1
         if self._well_cycles >= WELL_CYCLES:
-            self._told = self._known = Reason.NONE
-        if _rank(reason) <= _rank(self._told):
-            return
-        self._told = reason
-        if grasping.compensated:
-            orders.fail_hand(reason)
-        else:
+            self._warned = self._known = 0
+        if orders.fault is Reason.NONE:
+            self._failed = self._known
+        if grasping.compensated and not is_hot:
+            if rank > self._failed:
+                self._failed = rank
+                orders.fail_hand(reason)
+        elif rank > max(self._failed, self._warned):
+            self._warned = rank
             grasping.outcomes.append(Outcome(EventKind.WARNING, 0, reason))
 
     def clear(self) -> Reason:
@@ -54,9 +59,5 @@ class HandSupervision:
             return Reason.NONE
         if reason is not Reason.NONE and reason not in _BEARABLE:
             return reason
-        self._known = reason
+        self._known = HAND_REASONS.index(reason)
         return Reason.NONE
-
-
-def _rank(reason: Reason) -> int:
-    return HAND_REASONS.index(reason)

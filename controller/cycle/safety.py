@@ -22,6 +22,7 @@ _HAND_FAULTS = (
     (HandFault.TORQUE_LOST | HandFault.OVERLOADED, Reason.HAND_OVERLOADED),
     (HandFault.RESTARTED, Reason.HAND_RESTARTED),
     (HandFault.TORQUE_LOST, Reason.HAND_TORQUE_LOST),
+    (HandFault.POSITION_JUMP, Reason.HAND_POSITION_JUMP),
     (HandFault.ONE_SILENT, Reason.HAND_MOTOR_SILENT),
     (HandFault.BUS_LOST, Reason.HAND_BUS_LOST),
     (HandFault.OTHER_MODE, Reason.HAND_OTHER_MODE),
@@ -30,6 +31,7 @@ _HAND_FAULTS = (
     (HandFault.NO_REPLY, Reason.HAND_SILENT),
     (HandFault.VOLTAGE, Reason.HAND_VOLTAGE),
     (HandFault.HARDWARE, Reason.HAND_HARDWARE),
+    (HandFault.HOT, Reason.HAND_HOT),
 )
 """What the hand process says is wrong, the worst first."""
 HAND_REASONS = (Reason.NONE, *(reason for _, reason in reversed(_HAND_FAULTS)))
@@ -104,7 +106,7 @@ class SafetyMonitor:
         if age_s is None or age_s > self._limits.hand_age_s:
             fault |= HandFault.NO_REPLY
         named = (reason for bits, reason in _HAND_FAULTS if fault & bits == bits)
-        return next(named, Reason.NONE if fault is HandFault.NONE else Reason.HAND_HARDWARE)
+        return next(named, Reason.NONE)
 
     def offset(self, target: PlanarMotion, offset: PlanarMotion) -> Reason:
         """Size of the hand offset and how far it lags behind its target."""

@@ -151,6 +151,10 @@ class HandPart:
         if not all(sample.torque_on):
             # A motor without torque lets go of its tendon (dynamixel reference 6.2): the object may have been dropped.
             fault |= HandFault.TORQUE_LOST
+        if any(sample.jumped):
+            fault |= HandFault.POSITION_JUMP
+        if min(sample.derating) < 1.0:
+            fault |= HandFault.HOT
         if any(sample.restarted):
             fault |= HandFault.RESTARTED
         if any(sample.outside_turn):

@@ -6,7 +6,8 @@ rest in turn. Protocol 1.0: 36…43 of each motor, and 24…35 (torque) in turn.
 
 In a protocol 2.0 group read the second motor waits for the first one's answer, so that one silent motor silences both.
 Hence after a miss each motor is read alone, the healthy one first; one that missed `EXCLUDE_AFTER` times is left out
-and asked again every `PROBE_NS`, which costs the other one time-out.
+and asked again every `FIRST_PROBES_NS`, as a short disturbance is no fault, and from `GIVE_UP_NS` of silence on every
+`PROBE_NS`; each costs the other one time-out.
 
 Source: dynamixel reference 2.2, 2.3 (blocks, indirect map), 5, 6.
 """
@@ -24,6 +25,7 @@ from drivers.dynamixel.registers import INDIRECT_BLOCKS, signed
 from drivers.errors import BusError, DeviceError
 
 EXCLUDE_AFTER = 3
+FIRST_PROBES_NS, GIVE_UP_NS = 10_000_000, 100_000_000
 PROBE_NS = 250_000_000
 SLOW_EVERY = 3
 """Reads between two reads of what is read in turn."""
@@ -120,6 +122,7 @@ class PairReader:
         self._ids = motor_ids
         self._model = model
         self._probe_ns = [0, 0]
+        self._silent_since_ns = [0, 0]
         self._turn = 0
         self._slow_next = 0
         self._slow_wanted = False
@@ -167,7 +170,6 @@ class PairReader:
         if excluded and now_ns < self._probe_ns[index]:
             self.missed[index] += 1
             return DeviceError(f"tendon motor {self._ids[index]}", "has not answered; it is asked again soon.")
-        self._probe_ns[index] = now_ns + PROBE_NS
         block = self.plan.fast
         (result,) = self._bus.read_group(block.address, block.layout.size, self._ids[index : index + 1])
         self._slow_wanted |= self.missed[index] > 0 and isinstance(result, Status)  # it may have restarted meanwhile
@@ -178,8 +180,11 @@ class PairReader:
             self.missed[index] = 0
             self._take(index, self.plan.fast, result)
             return None
+        if self.missed[index] == 0:
+            self._silent_since_ns[index] = now_ns
         self.missed[index] += 1
-        self._probe_ns[index] = now_ns + PROBE_NS
+        new = now_ns - self._silent_since_ns[index] < GIVE_UP_NS
+        self._probe_ns[index] = now_ns + (FIRST_PROBES_NS if new else PROBE_NS)
         return result
 
     def _read_slow(self) -> None:

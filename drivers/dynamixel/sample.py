@@ -37,6 +37,8 @@ class TendonSample:
     """False after a trip or an unnoticed restart of the motor: what it held may have been dropped."""
     restarted: Flags
     """The motor lost its settings: it was without supply for a moment."""
+    jumped: Flags
+    """Its position was all at once somewhere else, and stayed there: its excursion means nothing any more."""
     watchdog_tripped: Flags
     """The motor holds and takes no goals until `rearm`."""
     stalled: Flags

@@ -18,7 +18,7 @@ from drivers.dynamixel.load_law import SpoolMotion
 from drivers.dynamixel.motor import Inspection, TendonMotor
 from drivers.errors import DeviceError, ProtocolError
 
-JUMP_TICKS = 64
+JUMP_RAD = 0.025
 """Position may change by so much from one good sample to the next, and by twice the no-load speed."""
 
 
@@ -29,7 +29,9 @@ class Tendon:
         "_effort_filter",
         "_effort_unit",
         "_found",
+        "_jump_ticks",
         "_rate_unit_m_s",
+        "_suspect",
         "_ticks_per_s",
         "_turn_ticks",
         "derating",
@@ -37,6 +39,7 @@ class Tendon:
         "excursion_m",
         "goal",
         "hardware_error",
+        "jumped",
         "motion",
         "motor",
         "motor_id",
@@ -63,6 +66,7 @@ class Tendon:
         sign = settings.tightening_sign
         self._effort_unit = sign * model.effort_unit
         self._rate_unit_m_s = sign * model.velocity_unit_rad_s * settings.spool_radius_m
+        self._jump_ticks = JUMP_RAD / model.tick_rad
         self._ticks_per_s = 2.0 * model.no_load_speed_rad_s / model.tick_rad
         self._effort_filter = EffortFilter(settings.effort_filter_s)
         self.motion = SpoolMotion.HOLDING
@@ -75,7 +79,8 @@ class Tendon:
         self._found, self.goal, self.ticks = found, goal, ticks
         self._turn_ticks = 0
         self.sent_goal, self.sent_ceiling = goal.ticks, goal.ceiling
-        self.restarted = False
+        self.restarted = self.jumped = False
+        self._suspect: tuple[int, int] | None = None
         self._effort_filter.reset()
 
     @property
@@ -96,21 +101,29 @@ class Tendon:
         lowest, highest = self._found.goal_range
         return max(lowest, min(highest, goal))
 
-    def believe(self, values: Mapping[str, int], sample_ns: int) -> DeviceError | None:
-        """Take over what the motor said, unless it cannot be; then why not."""
+    def believe(self, values: Mapping[str, int], sample_ns: int, restarts_show: bool) -> DeviceError | None:
+        """Take over what the motor said, unless it cannot be; then why not.
+
+        `restarts_show`: a restart is known as such; if not, a motor without torque is taken to have restarted.
+        A position that jumped is believed when the next sample says the same: the encoder failed, or a turn was lost.
+        """
         if not _pulls(values):
-            self.restarted |= not values["hardware_error_status"]
+            self.restarted |= not (restarts_show or values["hardware_error_status"])
             self.ticks, self._turn_ticks = values["present_position"], 0
         else:
             ticks = self._continued(values["present_position"], sample_ns)
+            if self._stays(values["present_position"], sample_ns):
+                self.jumped, self._turn_ticks = True, 0
+                ticks = values["present_position"]
             if ticks is None:
+                self._suspect = values["present_position"], sample_ns
                 return ProtocolError(
                     motor_name(self.motor_id),
                     f"position jumped from {self.ticks} to {values['present_position'] + self._turn_ticks} ticks in "
                     f"{seconds(sample_ns - self.sample_ns) * 1e3:.1f} ms.",
                     help="The motor restarted or its encoder failed.",
                 )
-            self.ticks = ticks
+            self.ticks, self._suspect = ticks, None
         self.take(values, sample_ns)
         return None
 
@@ -137,15 +150,26 @@ class Tendon:
 
     def _continued(self, position: int, sample_ns: int) -> int | None:
         """The position, perhaps beyond the turn's end; None if the spool cannot have got there."""
-        allowed = JUMP_TICKS + self._ticks_per_s * seconds(sample_ns - self.sample_ns)
         turn_ticks = self._turn_ticks
         if turn := self._found.wraps_ticks:  # the nearest: goals lead no farther than a fraction of a turn
             turn_ticks = round((self.ticks - position) / turn) * turn
         ticks = position + turn_ticks
-        if abs(ticks - self.ticks) > allowed:
+        if abs(ticks - self.ticks) > self._allowed_ticks(sample_ns - self.sample_ns):
             return None
         self._turn_ticks = turn_ticks
         return ticks
+
+    def _stays(self, position: int, sample_ns: int) -> bool:
+        """Whether the sample before, which could not be, agrees with this one, rather than what was so before it."""
+        if self._suspect is None:
+            return False
+        before, before_ns = self._suspect
+        distance = abs(position - before)
+        is_nearer = distance < abs(position + self._turn_ticks - self.ticks)
+        return is_nearer and distance <= self._allowed_ticks(sample_ns - before_ns)
+
+    def _allowed_ticks(self, elapsed_ns: int) -> float:
+        return self._jump_ticks + self._ticks_per_s * seconds(elapsed_ns)
 
 
 def _pulls(values: Mapping[str, int]) -> bool:

@@ -245,7 +245,7 @@ class TendonPair:
                 self._reader.miss(index)
                 return error
             tendon.restarted = True
-        doubt = tendon.believe(self._reader.values[index], sample_ns)
+        doubt = tendon.believe(self._reader.values[index], sample_ns, self._reader.plan.mapped)
         if doubt is not None:
             self._reader.miss(index)
         return doubt
@@ -263,6 +263,7 @@ class TendonPair:
             alert=(reader.alert[0], reader.alert[1]),
             torque_on=(right.torque_on, left.torque_on),
             restarted=(right.restarted, left.restarted),
+            jumped=(right.jumped, left.jumped),
             watchdog_tripped=(right.watchdog_tripped, left.watchdog_tripped),
             stalled=(right.goal.stalled, left.goal.stalled),
             outside_turn=(right.outside_turn, left.outside_turn),

@@ -111,6 +111,16 @@ def test_a_known_error_is_not_told_again_but_a_worse_one_is(rig: Rig) -> None:
     assert rig.orders.told == [Reason.HAND_VOLTAGE, Reason.HAND_SILENT]
 
 
+def test_heat_is_a_warning_even_with_something_in_the_hand(rig: Rig) -> None:
+    """A lowered cap stops nothing by itself; that the motor lets go then is a fault."""
+    rig.grasp.compensated = True
+    rig.look(HandFault.HOT, 10)
+    assert rig.warned() == [Reason.HAND_HOT]
+    assert rig.orders.hand_fault is Reason.NONE
+    rig.look(HandFault.HOT | HandFault.HARDWARE | HandFault.OVERHEATED | HandFault.TORQUE_LOST)
+    assert rig.orders.told == [Reason.HAND_OVERHEATED]
+
+
 def test_an_empty_hand_never_forbids_clearing(rig: Rig) -> None:
     """After hand.open the arm may be moved away, whatever the motors are like."""
     rig.look(HandFault.TORQUE_LOST)
