@@ -18,7 +18,6 @@ from drivers.dynamixel.protocol1_bus import Protocol1Bus
 from drivers.dynamixel.reading import direct_plan
 from drivers.errors import BusError, DeviceError, NoReplyError, ProtocolError
 
-OK_1 = "FF FF 01 02 00 FC"  # B2
 B4 = "FF FF 01 0A 00 FF 07 00 00 C8 04 78 29 81"
 
 
