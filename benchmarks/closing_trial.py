@@ -31,6 +31,9 @@ from drivers.errors import CommandError
 from drivers.simulated.dynamixel import taut_ticks
 
 WIDTH_M, MASS_KG = 0.040, 0.1
+HEIGHT_M, FRICTION = 0.12, 0.3
+SLENDER = 2.5
+"""Height over width at most: higher, an object that one finger pushes at half its height tips over."""
 APPROACH_M = 0.02
 AWAY_M = 0.5
 NODES = 11
@@ -201,10 +204,12 @@ def _object(trial: Trial, directory: Path) -> str:
     """The table's object, or a file of one that differs in width or mass."""
     if trial.wider_m == 0.0 and trial.mass_kg == MASS_KG:
         return OBJECT
-    path = directory / f"cylinder{(WIDTH_M + trial.wider_m) * 1e3:g}-{trial.mass_kg:g}.toml"
+    width_m = WIDTH_M + trial.wider_m
+    height_m = min(HEIGHT_M, SLENDER * width_m)
+    path = directory / f"cylinder{1e3 * width_m:g}-{trial.mass_kg:g}.toml"
     path.write_text(
-        f'name = "cylinder"\nmass_kg = {trial.mass_kg}\nheight_m = 0.12\n'
-        f'shape = {{ kind = "disc", diameter_m = {WIDTH_M + trial.wider_m} }}\n[support]\nfriction = 0.3\n',
+        f'name = "cylinder"\nmass_kg = {trial.mass_kg}\nheight_m = {height_m}\n'
+        f'shape = {{ kind = "disc", diameter_m = {width_m} }}\n[support]\nfriction = {FRICTION}\n',
         encoding="utf-8",
     )
     return str(path)

@@ -26,6 +26,7 @@ from drivers.dynamixel.control_tables import model_by_name
 
 DEFAULT_FILE = Path(__file__).with_name("robot.toml")
 SIMULATED_FILE = Path(__file__).with_name("simulated.toml")
+SLOWEST_CLOSING_M_S, FASTEST_CLOSING_M_S = 0.001, 0.05
 
 Text = Annotated[str, Meta(min_length=1)]
 _Angle = Annotated[float, Meta(ge=-6.3, le=6.3)]
@@ -244,7 +245,7 @@ class Squeeze(_Table, frozen=True):
     """Tendon load cap and the default winding profile (tendon excursion, m)."""
 
     load_cap_N: Annotated[float, Meta(gt=0, le=300)]
-    closing_rate_m_s: Annotated[float, Meta(gt=0, le=0.05)]
+    closing_rate_m_s: Annotated[float, Meta(ge=SLOWEST_CLOSING_M_S, le=FASTEST_CLOSING_M_S)]
     squeeze_rate_m_s: Annotated[float, Meta(gt=0, le=0.05)]
     acceleration_m_s2: Annotated[float, Meta(gt=0, le=10)]
     jerk_m_s3: Annotated[float, Meta(gt=0, le=1000)]

@@ -46,6 +46,7 @@ class GraspSettings:
     """Rates of winding and thresholds of contact."""
 
     closing_rate_m_s: float = 0.012
+    squeezing_rate_m_s: float = 0.020  # at most, however short a time is asked for
     contact_rate_m_s: float = 0.001  # near the expected contact: found within few samples, and the arm starts gently
     contact_zone_m: float = 1.2e-3
     search_end_m: float = 1.1e-3  # contact is given up this far past the expected one
@@ -187,7 +188,9 @@ class Grasping:
             return Reason.BUSY
         if (reason := self.enter(GraspEvent.SQUEEZE)) is not Reason.NONE:
             return reason
-        self._profile.move(mean_excursion_m + index.mean_shift_m, duration_s=duration_s)
+        self._profile.move(
+            mean_excursion_m + index.mean_shift_m, rate_m_s=self._settings.squeezing_rate_m_s, duration_s=duration_s
+        )
         self._token, self._stop_reason = token, None
         return Reason.NONE
 

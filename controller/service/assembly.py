@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.hand.parameters import Hand, load_hand
-from controller.config import RobotConfig, TendonMotor, Tendons
+from controller.config import FASTEST_CLOSING_M_S, RobotConfig, TendonMotor, Tendons
 from controller.cycle.arm_model import ArmFriction, ArmModel, RigidBody
 from controller.cycle.arm_motion import ArmMotion, ArmMotionLimits
 from controller.cycle.compensation import OffsetLimits, OffsetSmoother, WristOffset
@@ -126,9 +126,8 @@ def cycle_parts(config: RobotConfig, bus: CanBus, clock: Clock) -> Parts:
             drives=motor_drives(config),
             search=SearchSettings(load_lag_s=config.tendons.effort_filter_s),
             index=index_settings(config),
-            winding=WindingLimits(
-                max(squeeze.closing_rate_m_s, squeeze.squeeze_rate_m_s), squeeze.acceleration_m_s2, squeeze.jerk_m_s3
-            ),
+            squeezing_rate_m_s=max(squeeze.closing_rate_m_s, squeeze.squeeze_rate_m_s),
+            winding=WindingLimits(FASTEST_CLOSING_M_S, squeeze.acceleration_m_s2, squeeze.jerk_m_s3),
         ),
     )
     grasping.index_kind = INDEX_NAMES[compensation.index]

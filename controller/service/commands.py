@@ -23,6 +23,7 @@ from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
 from calibration.toml_files import MISSING, FieldError, from_document
+from controller.config import FASTEST_CLOSING_M_S, SLOWEST_CLOSING_M_S
 from controller.pose import Component, Coordinate, Pose
 from controller.service.answers import VERSION as VERSION
 from controller.service.answers import plain
@@ -141,11 +142,12 @@ class GraspPreposition(Command, frozen=True):
 
 
 class GraspClose(Command, frozen=True):
-    """Wind both tendons in until the fingers touch; `rate_m_s` of tendon, else the configured closing rate."""
+    """Wind both tendons in until the fingers touch; `rate_m_s` of tendon, else the configured closing rate. Near the
+    object they go on at 1 mm/s whatever the rate; slower, gear friction would hide the load."""
 
     name = "grasp.close"
     slow = True
-    rate_m_s: Annotated[float, Meta(ge=0.0001, le=0.05)] | None = None
+    rate_m_s: Annotated[float, Meta(ge=SLOWEST_CLOSING_M_S, le=FASTEST_CLOSING_M_S)] | None = None
 
 
 class GraspSqueeze(Command, frozen=True):
