@@ -16,6 +16,7 @@ def test_without_the_table_nothing_of_the_pads_runs(config: RobotConfig, symmetr
     assert robot.time.part_names == ["world", "hub", "cycle", "hand", "front"]
     robot.activate()
     status = robot.client().status()
+    assert status["state"]
     assert "tactile" not in status["state"]
     assert status["tactile_lost"] == ""
     assert not [name for name in robot.front.record or {} if "tactile" in name]
