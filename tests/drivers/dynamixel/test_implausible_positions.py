@@ -14,6 +14,14 @@ EXCHANGE_NS = 2_500_000
 MODELS = pytest.mark.parametrize("model", [XM430_W350, XL430_W250, MX_28, RX_28], ids=lambda model: model.name)
 
 
+def wound(model: MotorModel) -> Rig:
+    rig = Rig(model)
+    rig.pair.start()
+    rig.catch_up()
+    rig.wind(0.008)
+    return rig
+
+
 def exchanges(rig: Rig, count: int) -> list[TendonSample]:
     """As often as the hand process does."""
     samples = []
@@ -27,9 +35,7 @@ def exchanges(rig: Rig, count: int) -> list[TendonSample]:
 @MODELS
 def test_a_lasting_jump_is_told_within_10_ms(model: MotorModel) -> None:
     """An encoder that failed or a spool that slipped by a millimetre: its motor has pulled or let out by as much."""
-    rig = Rig(model)
-    rig.pair.start()
-    rig.wind(0.008)
+    rig = wound(model)
     exchanges(rig, 2)
     rig.motors.motors[1].encoder.jump_ticks += round(JUMP_M / (model.tick_rad * 0.0105))
     assert exchanges(rig, 4)[-1].jumped == (False, True)
@@ -39,9 +45,7 @@ def test_a_lasting_jump_is_told_within_10_ms(model: MotorModel) -> None:
 @MODELS
 def test_one_false_position_is_passed_over(model: MotorModel) -> None:
     """For one sample only: nothing is told but a miss, and nothing of it is believed."""
-    rig = Rig(model)
-    rig.pair.start()
-    rig.wind(0.008)
+    rig = wound(model)
     before = rig.run(0.01).excursion_m
     encoder = rig.motors.motors[1].encoder
     encoder.jump_ticks += 300
@@ -56,9 +60,7 @@ def test_one_false_position_is_passed_over(model: MotorModel) -> None:
 
 def test_torque_that_somebody_switched_off_is_no_restart() -> None:
     """The indirect map is still there: the supply is sound, and somebody else is on the bus."""
-    rig = Rig(XM430_W350)
-    rig.pair.start()
-    rig.wind(0.008)
+    rig = wound(XM430_W350)
     rig.motors.motors[0].put("torque_enable", 0)
     sample = rig.run(0.01)
     assert (sample.torque_on, sample.restarted) == ((False, True), (False, False))
