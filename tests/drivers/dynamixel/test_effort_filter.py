@@ -10,7 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lsim
 
+from drivers.dynamixel.control_tables import MX_28
 from drivers.dynamixel.effort_filter import EffortFilter
+from drivers.dynamixel.load_law import SpoolMotion, nominal_law
 from drivers.errors import InputError
 
 intervals_ms = st.lists(st.floats(0.5, 40.0), min_size=2, max_size=40)
@@ -94,3 +96,15 @@ def test_no_time_constant_that_hides_the_motor(time_constant_s: float) -> None:
     """A tenth of a second behind, contact would be found too late."""
     with pytest.raises(InputError, match="effort filter"):
         EffortFilter(time_constant_s)
+
+
+@given(st.lists(st.tuples(st.floats(1.0, 30.0), st.floats(0.002, 0.05)), min_size=1, max_size=30))
+def test_a_load_tells_the_same_tension_whatever_the_speed_does(samples: list[tuple[float, float]]) -> None:
+    """Effort and rate are filtered alike: back-EMF that lagged behind its rate would look like tension."""
+    law, effort_filter, time_ns = nominal_law(MX_28, 0.0105), EffortFilter(0.02), 0
+    for interval_ms, rate_m_s in samples:
+        time_ns += round(interval_ms * 1e6)
+        told = 30.0 * 0.0105 / law.torque_per_effort_Nm + law.friction_effort + law.back_emf_effort_s_per_m * rate_m_s
+        effort, rate_m_s = effort_filter.step(time_ns, told, rate_m_s)
+        tension_N = law.tension(effort, SpoolMotion.WINDING, rate_m_s=rate_m_s).tension_N
+        assert tension_N == pytest.approx(30.0, abs=1e-9)

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from drivers.dynamixel.control_tables import MODELS, MX_28, RX_28, XM430_W350, MotorModel
 from drivers.dynamixel.goal import TendonGoal
-from drivers.dynamixel.load_drive import PAY_OUT_RATE_M_S
-from drivers.dynamixel.load_law import LoadLaw, SpoolMotion
+from drivers.dynamixel.load_drive import PAY_OUT_RATE_M_S, LoadPhase, first_phase
+from drivers.dynamixel.load_law import LoadLaw, SpoolMotion, nominal_law
 from drivers.dynamixel.motor import Inspection, MotorIdentity
 from drivers.dynamixel.settings import MotorSettings
 from drivers.errors import InputError
@@ -180,3 +180,29 @@ def test_a_smaller_load_is_paid_out_to() -> None:
     reached = goal.ticks
     stall(goal, 1.0, ticks=ticks, effort=effort)
     assert goal.ticks == reached < 400
+
+
+def test_a_cap_is_checked_at_the_supply_that_was_told() -> None:
+    """At 14.8 V an MX-28 may be asked for what it cannot give at 12 V, and takes fewer counts for it."""
+    law = nominal_law(MX_28, 0.0105)
+    identity = MotorIdentity(1, MX_28.number, MX_28.name, 1, 40, False, "")
+    found = Inspection(identity, 0, 1023, (0, 4095), True)
+    goal = TendonGoal(MotorSettings(1, 1, 0, load_law=law), MX_28, found, 0, 40)
+    with pytest.raises(InputError, match=r"needs 1\.0"):
+        goal.check_cap(230.0)
+    goal.derate(1.0, 14.8)
+    goal.check_cap(230.0)
+    ceilings = []
+    for supply_V in (12.0, 14.8):
+        goal.take(100, 60.0)
+        goal.derate(1.0, supply_V)
+        ceilings.append(goal.ceiling)
+    assert ceilings[1] == pytest.approx(ceilings[0] * 12.0 / 15.0, abs=1.0)  # rounded up to half volts
+
+
+def test_paying_out_to_a_load_is_judged_at_the_supply() -> None:
+    """A load of 30 % is a fifth more tension at 14.8 V: to be paid out to what 12 V would already call reached."""
+    law = nominal_law(MX_28, 0.0105)
+    effort = law.effort_cap(50.0)
+    assert first_phase(law, effort, 55.0, 12.0) is LoadPhase.WINDING
+    assert first_phase(law, effort, 55.0, 14.8) is LoadPhase.PAYING_OUT

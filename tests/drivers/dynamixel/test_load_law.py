@@ -1,6 +1,7 @@
 """The effort–tension law against the rows of the dynamixel reference, and its laws."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -140,3 +141,68 @@ def test_law_refuses_impossible_constants() -> None:
     """A law with a zero slope would divide by it."""
     with pytest.raises(InputError, match="not a load law"):
         LoadLaw(torque_per_effort_Nm=0.0)
+
+
+CALIBRATED = replace(LAW, slope_uncertainty=0.02, friction_uncertainty=0.01, temperature_C=30.0, scatter_N=0.8)
+CALIBRATED_MX = replace(MX, slope_uncertainty=0.02, friction_uncertainty=0.005, temperature_C=30.0, scatter_N=0.8)
+laws = st.sampled_from([LAW, MX, CALIBRATED, CALIBRATED_MX])
+
+
+@given(laws, st.floats(0.0, 150.0), st.floats(9.0, 19.0), st.floats(-10.0, 90.0))
+def test_cap_is_the_inverse_at_any_supply_and_temperature(
+    law: LoadLaw, tension_N: float, supply_V: float, temperature_C: float
+) -> None:
+    """Whatever is known of the motor's state goes both ways."""
+    effort = law.effort_cap(tension_N, supply_V=supply_V, temperature_C=temperature_C)
+    winding = law.tension(effort, SpoolMotion.WINDING, supply_V=supply_V, temperature_C=temperature_C)
+    assert winding.tension_N == pytest.approx(tension_N, abs=1e-9)
+
+
+@given(laws, st.floats(0.0, 1.0), st.floats(0.0, 0.5), st.sampled_from(SpoolMotion), st.floats(-10.0, 90.0))
+def test_more_effort_is_more_tension_at_any_heat(
+    law: LoadLaw, effort: float, more: float, motion: SpoolMotion, temperature_C: float
+) -> None:
+    """Monotone, and the upper end of the band too."""
+    low = law.tension(effort, motion, temperature_C=temperature_C)
+    high = law.tension(effort + more, motion, temperature_C=temperature_C)
+    assert high.tension_N >= low.tension_N
+    assert high.high_N >= low.high_N
+
+
+@given(st.sampled_from([CALIBRATED, CALIBRATED_MX]), st.floats(0.1, 0.8), st.floats(0.0, 30.0), st.floats(0.0, 30.0))
+def test_a_hotter_motor_pulls_less(law: LoadLaw, effort: float, rise_K: float, more_K: float) -> None:
+    """Magnets and winding: the same effort means less tension the hotter it is; and the colder truth stays within."""
+    warm = law.tension(effort, SpoolMotion.HOLDING, temperature_C=30.0 + rise_K)
+    hot = law.tension(effort, SpoolMotion.HOLDING, temperature_C=30.0 + rise_K + more_K)
+    cold = law.tension(effort, SpoolMotion.HOLDING, temperature_C=30.0)
+    assert hot.tension_N <= warm.tension_N <= cold.tension_N
+    half_corrected_N = 0.5 * (cold.tension_N + hot.tension_N)
+    assert hot.low_N <= half_corrected_N <= hot.high_N
+
+
+def test_heat_is_that_of_copper_and_magnets() -> None:
+    """Reference 3.4, and copper's 0.39 %/K: 40 K more take 4 % of a current's torque, and 17 % of a load's."""
+    at_rest = SpoolMotion.HOLDING
+    for law, part in ((CALIBRATED, 0.96), (CALIBRATED_MX, 0.96 / 1.156)):
+        hot = law.tension(0.5, at_rest, temperature_C=70.0).tension_N
+        assert hot / law.tension(0.5, at_rest, temperature_C=30.0).tension_N == pytest.approx(part)
+    assert LAW.tension(0.5, at_rest, temperature_C=70.0) == LAW.tension(0.5, at_rest)  # nobody knows at which it holds
+
+
+@given(laws, st.floats(0.0, 1.0), st.sampled_from(SpoolMotion), st.floats(0.0, 20.0))
+def test_scatter_widens_the_band_by_twice_itself(
+    law: LoadLaw, effort: float, motion: SpoolMotion, scatter_N: float
+) -> None:
+    """What the calibration's own readings did not agree on is not known afterwards."""
+    wider = replace(law, scatter_N=law.scatter_N + scatter_N).tension(effort, motion)
+    before = law.tension(effort, motion)
+    assert wider.high_N - before.high_N == pytest.approx(2.0 * scatter_N, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"temperature_C": math.nan}, {"temperature_C": 200.0}, {"scatter_N": -1.0}, {"scatter_N": math.inf}]
+)
+def test_a_calibration_refuses_impossible_conditions(wrong: dict[str, float]) -> None:
+    """They would spread into every tension."""
+    with pytest.raises(InputError, match="not a load law"):
+        replace(LAW, **wrong)
