@@ -97,7 +97,8 @@ class SerialLine:
         return (
             f"{self.path}: the USB adapter keeps answers back for {latency_ms} ms (latency timer), expected 1: motor "
             f"data come at no more than {1000 // latency_ms} Hz. As root: echo 1 > {self.latency_timer_file}; "
-            'for good, a udev rule: ACTION=="add", SUBSYSTEM=="usb-serial", ATTR{latency_timer}="1".'
+            'for good, a udev rule (docs/motors.md): ACTION=="add", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", '
+            'ATTR{latency_timer}="1".'
         )
 
     def write(self, data: bytes) -> None:
@@ -125,7 +126,7 @@ class SerialLine:
 
     def discard_input(self) -> None:
         try:
-            self._serial.reset_input_buffer()
+            termios.tcflush(self._descriptor, termios.TCIFLUSH)
         except _LINE_ERRORS as error:
             raise self._error("cannot be flushed", error) from error
 

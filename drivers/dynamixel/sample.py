@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import msgspec
+
 Pair = tuple[float, float]
 Flags = tuple[bool, bool]
 
@@ -16,8 +18,7 @@ class TendonSetPoint:
     load_cap_N: Pair
 
 
-@dataclass(frozen=True, slots=True)
-class TendonSample:
+class TendonSample(msgspec.Struct, frozen=True):
     """What both motors said at one request."""
 
     sample_ns: tuple[int, int]
