@@ -36,9 +36,11 @@ class LoadTrust:
     scale: float
     onset_N: float
     noise_N: float
+    scale_per_stretch_N_per_m: float = 0.0
+    """By how much κ is another where s is: free closing, which shows the scale, stretches the tendons too."""
 
     def __post_init__(self) -> None:
-        values = (self.contact_m, self.stretch_m_per_N, self.scale, self.onset_N)
+        values = (self.contact_m, self.stretch_m_per_N, self.scale, self.onset_N, abs(self.scale_per_stretch_N_per_m))
         if not all(math.isfinite(value) and value >= 0.0 for value in values) or not 0.0 < self.noise_N < math.inf:
             raise InputError(f"{self} is not a trust; expected finite deviations not below 0, of the noise above 0.")
 
@@ -50,9 +52,9 @@ class LoadCorrection:
         """`scale`: 1 + κ as free closing showed it."""
         self._noise_N2 = trust.noise_N**2
         self._values = np.array([0.0, 0.0, scale - 1.0, 0.0])
-        self._covariance: NDArray[np.float64] = np.diag(
-            np.square([trust.contact_m, trust.stretch_m_per_N, trust.scale, trust.onset_N])
-        )
+        spread = np.diag([trust.contact_m, trust.stretch_m_per_N, trust.scale, trust.onset_N])
+        spread[2, 1] = trust.scale_per_stretch_N_per_m * trust.stretch_m_per_N
+        self._covariance: NDArray[np.float64] = spread @ spread.T
 
     @property
     def contact_m(self) -> float:

@@ -107,7 +107,11 @@ class _Correction:
         self._stretch = SmoothConstant(period_s, _CORRECTION_RAD_S)
 
     def take(self, measured_rise_N: float, table_rise_N: float, slope_N_per_m: float) -> None:
-        self._found.take(measured_rise_N, table_rise_N, slope_N_per_m)
+        """One sample: the load's rise since contact, and the table's with its slope at the index as it was applied."""
+        found = self._found
+        ahead_m = found.contact_m - self._contact.value
+        ahead_m += (found.stretch_m_per_N - self._stretch.value) * table_rise_N
+        found.take(measured_rise_N, table_rise_N + slope_N_per_m * ahead_m, slope_N_per_m)
 
     def at(self, index: WindingState, rise_N: float, slope_N_per_m: float) -> WindingState:
         """The corrected index, where the table's load has risen by `rise_N` since contact."""
@@ -174,12 +178,21 @@ class MotionIndex:
         self._onset_shift_N = 0.5 * (onset_load_N[0] + onset_load_N[1]) - self._contact_N
         settings = self._settings
         scale = self._closing_scale.scale(settings.scale_deviation)
-        stretch_m_per_N = settings.stiffness_deviation * 0.5 * sum(self._table.compliance_m_per_N)
-        onset_N, noise_N = settings.onset_deviation_N, settings.noise_N
+        compliance_m_per_N = 0.5 * sum(self._table.compliance_m_per_N)
+        # of the stretch that is not expected a part is taken off: by the load that the table has at the index so found
+        taken_off = 1.0 + compliance_m_per_N * self._table.at_excursion(0.0, 0.0).mean_tension_slope
+        stretch_m_per_N = settings.stiffness_deviation * compliance_m_per_N / taken_off
+        link_N_per_m = 0.5 * sum(self._table.free_slope_N_per_m) * taken_off
+        noise_N = settings.noise_N
         trusts = {
-            CompensationIndex.LOAD: LoadTrust(_ANY_CONTACT_M, _ANY_STRETCH_M_PER_N, 0.0, 0.0, noise_N),
+            CompensationIndex.LOAD: LoadTrust(_ANY_CONTACT_M, _ANY_STRETCH_M_PER_N, 0.0, 0.0, noise_N, link_N_per_m),
             CompensationIndex.FUSED: LoadTrust(
-                settings.contact_deviation_m, stretch_m_per_N, scale.deviation, onset_N, noise_N
+                settings.contact_deviation_m,
+                stretch_m_per_N,
+                scale.deviation,
+                settings.onset_deviation_N,
+                noise_N,
+                link_N_per_m,
             ),
         }
         self._corrections = {kind: _Correction(trust, scale.value, self._period_s) for kind, trust in trusts.items()}
