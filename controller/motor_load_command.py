@@ -8,11 +8,10 @@ Source: dynamixel reference 3; docs/calibration-motors.md.
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -29,7 +28,7 @@ from controller.config import RobotConfig, load_config
 from controller.motor_line import opened_port
 from controller.motor_load_dialogue import LoadDialogue, Unit
 from controller.motor_load_report import conclude
-from controller.motor_load_run import LoadRun
+from controller.motor_load_run import LoadRun, held
 from controller.prompts import Prompts
 from controller.service.assembly import tendon_motors
 from drivers.clock import MonotonicClock
@@ -179,7 +178,7 @@ def _measure(
     with opened_port(path or tendons.port, tendons.baud, clock) as port:
         pair = TendonPair(port, clock, motors)
         identities = pair.start()
-        with _held(pair):
+        with held(pair):
             stands_m = pair.exchange().excursion_m
             plans = {side: wanted.plan(motors[i], model, stands_m[i]) for i, side in enumerate(SIDES) if side in sides}
             prompts = Prompts(sys.stdin.fileno(), say)
@@ -208,17 +207,6 @@ def _confirm(prompts: Prompts, pair: TendonPair, side: str, plan: LoadPlan) -> N
         f"{plan.cap_N:.0f} N: take the tendon off its finger, hang the cord from the spool, hands off, and press Enter",
         pair.exchange,
     )
-
-
-@contextlib.contextmanager
-def _held(pair: TendonPair) -> Iterator[None]:
-    """However it ends, both motors hold where they are, and go on without being talked to."""
-    try:
-        yield
-    finally:
-        with contextlib.suppress(Exception):
-            pair.freeze()
-        pair.stop()
 
 
 def _model(robot: RobotConfig) -> MotorModel:

@@ -10,6 +10,7 @@ jump, and it falls until the next one: it is read midway, where it is that of an
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -24,7 +25,7 @@ from drivers.dynamixel.motor import hardware_error_text
 from drivers.dynamixel.sample import Pair, TendonSample, TendonSetPoint
 from drivers.dynamixel.settings import MotorSettings
 from drivers.dynamixel.tendons import TendonPair
-from drivers.errors import DeviceError, InputError, NoReplyError
+from drivers.errors import DeviceError, InputError, NoReplyError, StillgraspError
 
 SETTLE_S = 0.6
 """Rest before a stroke, and before a scale is read: a weight that was touched swings on."""
@@ -53,6 +54,20 @@ class _Sample:
     effort: float
     voltage_V: float
     temperature_C: float
+
+
+@contextlib.contextmanager
+def held(pair: TendonPair) -> Iterator[None]:
+    """However it ends, by an error or by Ctrl-C: both motors hold where they are, and need no more telling."""
+    try:
+        yield
+    except BaseException:
+        for last in (pair.freeze, pair.stop):  # one that is gone must not hide why this ended
+            with contextlib.suppress(StillgraspError):
+                last()
+        raise
+    pair.freeze()
+    pair.stop()
 
 
 class LoadRun:

@@ -69,7 +69,7 @@ class TendonPair:
                 "tendon motors",
                 f"are {found.model.name}s, which tell their load and not a current; the load law's unit is not known.",
                 help=f'State it in robot.toml: tendons.model = "{found.model.name}". Its load law is then its data '
-                "sheet's, or stall_torque_12V_Nm and friction_load of each motor.",
+                "sheet's, or what `stillgrasp calibrate motor-load` measures.",
             )
         motors = [TendonMotor(found.bus, settings, found.model) for settings in self._settings]
         inspections = [motor.check_mounting(motor.inspect()) for motor in motors]

@@ -9,7 +9,7 @@ import pytest
 
 from calibration.motor_load import Acceptance, LoadFit, Reading, fit_load_law
 from calibration.motor_load_plan import LoadPlan, plan_load
-from controller.motor_load_run import LoadRun
+from controller.motor_load_run import LoadRun, held
 from drivers.clock import VirtualClock
 from drivers.dynamixel.control_tables import MX_28, XM430_W350, MotorModel
 from drivers.dynamixel.load_law import published_law
@@ -209,6 +209,27 @@ def test_a_motor_in_trouble_ends_the_run(trouble: Callable[[Rig], None], told: s
     assert rig.motors.motors[1].value("torque_enable") == 1
     if trouble in (_too_heavy, _silence, _heat):
         assert rig.motors.motors[0].value("torque_enable") == 1
+
+
+@pytest.mark.parametrize("silent", [False, True])
+def test_whoever_interrupts_it_leaves_the_weight_hanging(silent: bool) -> None:
+    """Ctrl-C in the middle of a stroke: the spool stops, torque stays on, and no watchdog ends it when all is quiet."""
+    rig = Rig(XM430_W350)
+    run, _ = rig.run()
+    rig.hang(run, 5.0)
+
+    def interrupt() -> None:
+        rig.motors.motors[1].mute = silent
+        raise KeyboardInterrupt
+
+    rig.clock.at[rig.clock.now_ns() + 500_000_000] = interrupt
+    with pytest.raises(KeyboardInterrupt), held(rig.pair):
+        run.go(0.010, 0.005)
+    rig.clock.sleep_until_ns(rig.clock.now_ns() + 3_000_000_000)
+    motor = rig.motors.motors[0]
+    assert (motor.value("torque_enable"), motor.value("bus_watchdog")) == (1, 0)
+    assert 0.0015 < rig.weights.shaft_angle_rad(0) * RADIUS_M < 0.0035
+    assert rig.weights.tension_N(0) == pytest.approx(5.0 * GRAVITY_M_S2, rel=0.01)
 
 
 def test_the_other_motor_stays_where_it_is() -> None:
