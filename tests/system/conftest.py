@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
 import pytest
 
 from calibration.build import build_table
@@ -10,6 +15,7 @@ from calibration.objects import load_object
 from controller.config import RobotConfig, load_config
 from controller.service.assembly import configured_hand
 from controller.simulation.demo_cases import OBJECT, GraspCase, demo_cases, table_name
+from tests.system.daemon_rig import Installation
 
 
 @pytest.fixture(scope="session")
@@ -34,3 +40,10 @@ def config(tmp_path_factory: pytest.TempPathFactory, symmetric_case: GraspCase, 
         table = build_table(configured_hand(config), load_object(OBJECT), grasp, nodes=21)
         table.save(directory / f"{table_name(case)}.npz")
     return config
+
+
+@pytest.fixture
+def installation() -> Iterator[Installation]:
+    """A place of its own for a daemon; with its end all is ended that was started in it."""
+    with tempfile.TemporaryDirectory(prefix="sg-") as directory, closing(Installation(Path(directory))) as place:
+        yield place

@@ -18,7 +18,7 @@ from controller.client import Client
 from controller.config import RobotConfig
 from controller.simulation.demo_cases import APPROACH_M, GraspCase, approach_joints, table_name
 from drivers.errors import CommandError, NoReplyError
-from tests.system.test_daemon import Installation
+from tests.system.daemon_rig import Installation
 from tests.system.test_wam_faults_daemon import Operator
 
 pytestmark = pytest.mark.slow

@@ -22,7 +22,7 @@ from controller.client import Client
 from controller.reasons import EXPLANATIONS
 from drivers.clock import nanoseconds
 from drivers.errors import CommandError
-from tests.system.test_daemon import TIMEOUT_S, Daemon, Installation, ThirdClient, heard
+from tests.system.daemon_rig import TIMEOUT_S, Daemon, Installation, ThirdClient, heard
 from tests.system.wam_fault_cases import ADVICE
 
 pytestmark = pytest.mark.slow
