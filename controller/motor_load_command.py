@@ -157,10 +157,14 @@ def motor_load(
         )
     _check_writable(file)
     if readings is None:
-        measured = _measure(robot, motor.sides, wanted, unit, port, yes)
+        measured = []
         kept = file.with_suffix(".load.csv")
-        write_readings(kept, measured)
-        say(f"{kept}: the readings; they can be fitted again with --readings")
+        try:
+            _measure(robot, motor.sides, wanted, unit, port, yes, measured)
+        finally:  # what was measured until something went wrong is not lost
+            if any(one.readings for one in measured):
+                write_readings(kept, measured)
+                say(f"{kept}: the readings; they can be fitted again with --readings")
     else:
         measured = [one for one in read_readings(readings) if one.side in motor.sides]
         if not measured:
@@ -169,12 +173,18 @@ def motor_load(
 
 
 def _measure(
-    robot: RobotConfig, sides: Sequence[str], wanted: _Wanted, unit: Unit, path: str | None, yes: bool
-) -> list[MotorReadings]:
+    robot: RobotConfig,
+    sides: Sequence[str],
+    wanted: _Wanted,
+    unit: Unit,
+    path: str | None,
+    yes: bool,
+    measured: list[MotorReadings],
+) -> None:
+    """Every reading goes into `measured` as soon as it is taken."""
     clock, tendons = MonotonicClock(), robot.tendons
     model = _model(robot)
     motors = _as_published(tendon_motors(robot), model)
-    measured = []
     with opened_port(path or tendons.port, tendons.baud, clock) as port:
         pair = TendonPair(port, clock, motors)
         identities = pair.start()
@@ -190,14 +200,12 @@ def _measure(
                     _confirm(prompts, pair, side, plan)
                 run = LoadRun(pair, clock, motors, index, plan, GOAL_PERIOD_S)
                 run.go(plan.start_m)
-                found = tuple(LoadDialogue(run, plan, prompts, unit, side, say).measure())
                 identity = identities[index]
-                measured.append(_readings(side, identity.model_name, identity.firmware, found))
-    return measured
-
-
-def _readings(side: str, model: str, firmware: int, found: tuple[Any, ...]) -> MotorReadings:
-    return MotorReadings("right" if side == "right" else "left", model, firmware, found)
+                own = MotorReadings("right" if index == 0 else "left", identity.model_name, identity.firmware, ())
+                measured.append(own)
+                for found in LoadDialogue(run, plan, prompts, unit, side, say).measure():
+                    own = replace(own, readings=(*own.readings, found))
+                    measured[-1] = own
 
 
 def _confirm(prompts: Prompts, pair: TendonPair, side: str, plan: LoadPlan) -> None:

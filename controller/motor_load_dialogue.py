@@ -7,7 +7,7 @@ a stroke that was not steady too.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -51,15 +51,13 @@ class LoadDialogue:
     side: str
     say: Callable[[str], None]
 
-    def measure(self) -> list[Reading]:
-        """All readings of the plan that were not skipped. Raises InputError, DeviceError."""
-        readings: list[Reading] = []
+    def measure(self) -> Iterator[Reading]:
+        """All readings of the plan that were not skipped, as they come. Raises InputError, DeviceError."""
         for step, tension_N in enumerate(self.plan.steps_N):
             name = f"step {step + 1} of {len(self.plan.steps_N)}"
-            readings += self._scale(step, tension_N, name) if self.plan.scale else self._weight(tension_N, name)
+            yield from self._scale(step, tension_N, name) if self.plan.scale else self._weight(tension_N, name)
         what = "ease the scale" if self.plan.scale else "take the weight"
         self._ask(f"{what} off the {self.side} motor's cord and press Enter; the motor goes on holding")
-        return readings
 
     def _weight(self, tension_N: float, name: str) -> list[Reading]:
         request = (
