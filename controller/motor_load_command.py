@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -157,7 +157,7 @@ def motor_load(
         )
     _check_writable(file)
     if readings is None:
-        measured = []
+        measured: list[MotorReadings] = []
         kept = file.with_suffix(".load.csv")
         try:
             _measure(robot, motor.sides, wanted, unit, port, yes, measured)

@@ -10,7 +10,11 @@ from drivers.errors import InputError
 
 
 class Prompts:
-    """Lines from `descriptor`; prompts go out through `say`."""
+    """Lines from `descriptor`; prompts go out through `say`.
+
+    At a terminal, what was typed before a question is no answer to it: a second Enter must not start a motor. In a pipe
+    all answers may lie ready.
+    """
 
     def __init__(self, descriptor: int, say: Callable[[str], None]) -> None:
         self._lines = TypedLines(descriptor)
@@ -19,6 +23,9 @@ class Prompts:
 
     def ask(self, prompt: str, meanwhile: Callable[[], object]) -> str:
         """The next line; `meanwhile` is called until it is there. InputError if none can come any more."""
+        if self._lines.is_terminal:
+            self._lines.read()
+            self._waiting.clear()
         self._say(prompt)
         while not self._waiting:
             if not self._lines.open:

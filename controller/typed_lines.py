@@ -27,6 +27,11 @@ class TypedLines:
         """Descriptor to wait on while `open`."""
         return self._descriptor
 
+    @property
+    def is_terminal(self) -> bool:
+        """Whether somebody sits there."""
+        return os.isatty(self._descriptor)
+
     def read(self) -> list[str]:
         """All whole lines that came since the last call, without spaces at their ends; it does not wait."""
         lines: list[bytes] = []

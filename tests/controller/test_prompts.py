@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pty
 from collections.abc import Iterator
 
 import pytest
@@ -39,6 +40,24 @@ def test_what_is_held_goes_on_until_the_answer_comes(pipe: tuple[int, int]) -> N
     assert turns >= 5
     assert prompts.ask("again", meanwhile) == "next"
     assert asked == ["hang it", "again"]
+
+
+def test_at_a_terminal_a_second_enter_is_no_answer() -> None:
+    """It was typed before the question: the next weight does not hang yet."""
+    ours, theirs = pty.openpty()
+    asked: list[str] = []
+
+    def meanwhile() -> None:
+        if len(asked) == 2:
+            os.write(ours, b"2\n")
+
+    os.write(ours, b"1\n\n\n")
+    prompts = Prompts(theirs, asked.append)
+    os.write(ours, b"early\n")
+    asked.append("something")
+    assert prompts.ask("now", meanwhile) == "2"
+    os.close(ours)
+    os.close(theirs)
 
 
 def test_an_end_is_no_answer(pipe: tuple[int, int]) -> None:
