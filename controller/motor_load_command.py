@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -44,6 +43,7 @@ MOTOR_LOAD_EXAMPLES = (
     "stillgrasp calibrate motor-load --readings motors.load.csv -o motors.toml"
 )
 GOAL_PERIOD_S = 0.010
+_STANDARD_INPUT = 0
 PATIENT_WATCHDOG_S = 1.0
 """A busy machine may pause; a motor that trips holds, and the run would be lost."""
 
@@ -183,6 +183,7 @@ def _measure(
 ) -> None:
     """Every reading goes into `measured` as soon as it is taken."""
     clock, tendons = MonotonicClock(), robot.tendons
+    prompts = Prompts(_STANDARD_INPUT, say)  # before anything else is opened, that could be taken for it
     model = _model(robot)
     motors = _as_published(tendon_motors(robot), model)
     with opened_port(path or tendons.port, tendons.baud, clock) as port:
@@ -191,7 +192,6 @@ def _measure(
         with held(pair):
             stands_m = pair.exchange().excursion_m
             plans = {side: wanted.plan(motors[i], model, stands_m[i]) for i, side in enumerate(SIDES) if side in sides}
-            prompts = Prompts(sys.stdin.fileno(), say)
             for side, plan in plans.items():
                 index = SIDES.index(side)
                 for note in plan.notes:

@@ -48,8 +48,8 @@ class TendonGoal:
         self._ceiling_ticks = model.ceiling_unit / model.holding_effort_per_tick(gain)
         """Lead, ticks, that asks for one count of the ceiling."""
         self._effort_per_tick = model.holding_effort_per_tick(gain)
-        self._derated: tuple[float | None, bool, float, float | None] | None = None
-        """Cap, holding, factor and supply for which the ceiling was worked out."""
+        self._derated: tuple[float | None, bool, float, float | None, float | None] | None = None
+        """Cap, holding, factor, supply and temperature for which the ceiling was worked out."""
         self._supply_V: float | None = None
         """The newest that was told; None: not yet, the load law's is taken."""
 
@@ -150,20 +150,21 @@ class TendonGoal:
         else:
             self._watch_stall(now_s, ticks, effort, rate_m_s)
 
-    def derate(self, factor: float, supply_V: float | None = None) -> None:
-        """Work the ceiling out for this part of the cap, at this supply."""
+    def derate(self, factor: float, supply_V: float | None = None, temperature_C: float | None = None) -> None:
+        """Work the ceiling out for this part of the cap, at this supply and temperature."""
         self._supply_V = supply_V
-        supply_V = self._settings.load_law.cap_supply_V(supply_V)
-        conditions = self._cap_N, self._holding, factor, supply_V
+        law = self._settings.load_law
+        state = law.cap_supply_V(supply_V), law.cap_temperature_C(temperature_C)
+        conditions = self._cap_N, self._holding, factor, *state
         if conditions == self._derated:
             return
         self._derated = conditions
         if self._cap_N is not None:
-            counts = self._settings.ceiling_counts(self._cap_N * factor, self._model, supply_V)
+            counts = self._settings.ceiling_counts(self._cap_N * factor, self._model, *state)
             self.ceiling = min(counts, self._found.ceiling_limit)
         holding_N = self._settings.holding_cap_N
         if holding_N is not None and self._holding:
-            counts = self._settings.ceiling_counts(holding_N * factor, self._model, supply_V)
+            counts = self._settings.ceiling_counts(holding_N * factor, self._model, *state)
             self.ceiling = min(self.ceiling, counts)
 
     def _follow_load(self, load_N: float, elapsed_s: float, ticks: int, effort: float, rate_m_s: float) -> None:

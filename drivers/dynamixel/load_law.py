@@ -172,6 +172,14 @@ class LoadLaw:
             return None
         return math.ceil(2.0 * supply_V) / 2.0
 
+    def cap_temperature_C(self, temperature_C: float | None) -> float | None:
+        """The temperature to work a cap out for: a motor colder than when it was calibrated pulls harder; in steps of
+        5 K downwards. None for a warmer one, which pulls less than its cap and may cool, and where no K was measured.
+        """
+        if self.temperature_C is None or temperature_C is None or not temperature_C < self.temperature_C:
+            return None
+        return 5.0 * math.floor(temperature_C / 5.0)
+
     def _voltage_ratio(self, supply_V: float | None) -> float:
         """Part of full output at this supply → part of full output at the law's."""
         if self.voltage_V is None or supply_V is None or not supply_V > 0.0:

@@ -144,9 +144,12 @@ class MotorSettings:
         excess_K = max(0.0, temperature_C - self.derating_start_C)
         return max(self.derating_floor, 1.0 - self.derating_per_K * excess_K)
 
-    def ceiling_counts(self, cap_N: float, model: MotorModel, supply_V: float | None = None) -> int:
+    def ceiling_counts(
+        self, cap_N: float, model: MotorModel, supply_V: float | None = None, temperature_C: float | None = None
+    ) -> int:
         """Counts of the ceiling register at which a winding spool stalls at `cap_N`, never above. InputError.
 
-        `supply_V` matters to a model that tells its load; None: the load law's voltage.
+        `supply_V` matters to a model that tells its load; None, for the temperature too: the load law's.
         """
-        return math.floor(self.load_law.effort_cap(cap_N, supply_V=supply_V) / model.ceiling_unit)
+        effort = self.load_law.effort_cap(cap_N, supply_V=supply_V, temperature_C=temperature_C)
+        return math.floor(effort / model.ceiling_unit)

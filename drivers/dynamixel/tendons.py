@@ -104,7 +104,7 @@ class TendonPair:
         for tendon in self._tendons:
             goal = tendon.goal
             goal.step(now_s, elapsed_s, ticks=tendon.ticks, effort=tendon.effort, rate_m_s=tendon.rate_m_s)
-            goal.derate(tendon.derating, tendon.supply_V)
+            goal.derate(tendon.derating, tendon.supply_V, tendon.temperature_C)
         self._round = (self._round + 1) % SEND_AGAIN
         self._send(model, everything=self._round == 0)
         sample_ns = self._clock.now_ns()
@@ -207,7 +207,7 @@ class TendonPair:
     def _send_now(self) -> None:
         _, model = self._started()
         for tendon in self._tendons:
-            tendon.goal.derate(tendon.derating, tendon.supply_V)
+            tendon.goal.derate(tendon.derating, tendon.supply_V, tendon.temperature_C)
         self._send(model, everything=True)
 
     def _send(self, model: MotorModel, *, everything: bool) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -198,6 +199,22 @@ def test_a_cap_is_checked_at_the_supply_that_was_told() -> None:
         goal.derate(1.0, supply_V)
         ceilings.append(goal.ceiling)
     assert ceilings[1] == pytest.approx(ceilings[0] * 12.0 / 15.0, abs=1.0)  # rounded up to half volts
+
+
+def test_a_cold_motor_gets_a_lower_ceiling() -> None:
+    """Calibrated at 40 °C, a load at 15 °C pulls an eighth more than it did then."""
+    law = replace(nominal_law(MX_28, 0.0105), temperature_C=40.0)
+    identity = MotorIdentity(1, MX_28.number, MX_28.name, 1, 40, False, "")
+    goal = TendonGoal(
+        MotorSettings(1, 1, 0, load_law=law), MX_28, Inspection(identity, 0, 1023, (0, 4095), True), 0, 40
+    )
+    ceilings = []
+    for temperature_C in (70.0, 40.0, 15.0):
+        goal.take(100, 60.0)
+        goal.derate(1.0, 12.0, temperature_C)
+        ceilings.append(goal.ceiling)
+    assert ceilings[0] == ceilings[1]
+    assert ceilings[2] == pytest.approx(ceilings[1] * (1.0 - 0.0039 * 25.0) / 1.025, abs=1.0)
 
 
 def test_paying_out_to_a_load_is_judged_at_the_supply() -> None:

@@ -206,3 +206,12 @@ def test_a_calibration_refuses_impossible_conditions(wrong: dict[str, float]) ->
     """They would spread into every tension."""
     with pytest.raises(InputError, match="not a load law"):
         replace(LAW, **wrong)
+
+
+@given(st.sampled_from([CALIBRATED, CALIBRATED_MX]), st.floats(-10.0, 90.0), st.floats(0.0, 150.0))
+def test_a_cap_holds_for_a_motor_as_cold_as_it_is(law: LoadLaw, temperature_C: float, tension_N: float) -> None:
+    """Measured at 30 °C, started in a cold hall: it must not pull above its cap; nor when a hot one has cooled."""
+    effort = law.effort_cap(tension_N, temperature_C=law.cap_temperature_C(temperature_C))
+    for actual_C in (temperature_C, max(temperature_C, 30.0)):
+        assert law.tension(effort, SpoolMotion.WINDING, temperature_C=actual_C).tension_N <= tension_N + 1e-9
+    assert LAW.cap_temperature_C(temperature_C) is None
