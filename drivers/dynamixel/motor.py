@@ -38,6 +38,7 @@ from drivers.dynamixel.startup_checks import (
     Finding,
     check_calibration,
     check_drive_mode,
+    check_return_delay,
     check_shutdown,
     check_travel,
     check_zero,
@@ -112,6 +113,7 @@ class TendonMotor:
         self._check_hardware(holds)
         model, shutdown = self.model, self.read("shutdown")
         findings = check_shutdown(model, shutdown, holds)
+        findings += check_return_delay(model, self.read("return_delay_time"), holds)
         goal_switches_on = model.protocol == 1
         wraps_ticks = 0
         if model.protocol == 2:

@@ -73,6 +73,15 @@ def check_drive_mode(value: int, holds: bool) -> list[Finding]:
     return []
 
 
+def check_return_delay(model: MotorModel, value: int, holds: bool) -> list[Finding]:
+    """Return Delay Time, before it is set to 0 in a motor that does not hold."""
+    if not holds or not value:
+        return []
+    delay_us = 1e6 * value * model.return_delay_unit_s
+    text = f"answers {delay_us:.0f} µs later than it could (Return Delay Time {value})."
+    return [Finding(Consequence.WARNED, text, "Started without torque the next time, it gets 0.")]
+
+
 def shutdown_to_be(model: MotorModel, value: int) -> int:
     """The Shutdown mask with what has to be in it: overheating, and electrical shock where there is such a bit."""
     return value | OVERHEATING | (SHOCK if model.protocol == 2 else 0)

@@ -47,7 +47,7 @@ def make(rig_of: RigOf, number: int = 1020, protocol: int = 2, **settings: Any) 
 
 def holding(literal: Any) -> Any:
     """The literal motor with torque on, as some process left it, in the mode that is wanted."""
-    literal["torque"] = 1
+    literal["torque"], literal["delay"] = 1, 0
     if literal.protocol == 2:
         literal["mode"] = 5 if literal.model in (1020, 1030) else 4
     return literal
@@ -118,6 +118,18 @@ def test_overload_is_a_choice_that_is_told(rig_of: RigOf) -> None:
     assert found.identity.shuts_down_on == "overheating, electrical shock"
     assert literal["shutdown"] == 0x14
     assert shuts_down_on(MX_28, 0) == "nothing"
+
+
+@EVERY
+def test_an_adopted_motor_s_return_delay_is_told(rig_of: RigOf, number: int, protocol: int) -> None:
+    """It is EEPROM, locked while torque is on: half a millisecond a read, until the next start without torque."""
+    motor, literal = make(rig_of, number, protocol)
+    holding(literal)["delay"] = 250
+    assert "answers 500 µs later than it could" in started(motor).identity.warnings[0]
+    assert literal["delay"] == 250
+    literal["torque"] = 0
+    assert started(motor).identity.warnings == ()
+    assert literal["delay"] == 0
 
 
 @pytest.mark.parametrize(
@@ -254,7 +266,7 @@ class WrapRig:
 def test_a_spool_that_leaves_its_turn_does_no_harm_and_is_told() -> None:
     """Somebody pulls the slack tendon past position 0: no jump of 66 mm, no way round; it comes back by itself."""
     rig = WrapRig()
-    assert all("has its travel" in identity.warnings[0] for identity in rig.pair.start())
+    assert all("has its travel" in identity.warnings[-1] for identity in rig.pair.start())
     rig.run(0.2)
     rig.springs._angle_rad[0] -= 80 * MX_28.tick_rad
     rig.run(0.02)
