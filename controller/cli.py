@@ -291,7 +291,7 @@ def send(
     with connected(endpoint, config) as client:
         if slow:
             task = client.start(command, **given)
-            answer = task.wait(timeout) if wait else task.accepted
+            answer = task.wait(timeout, on_progress=None if as_json else tell_progress) if wait else task.accepted
         else:
             answer = client.request(command, **given)
     if as_json:
@@ -300,6 +300,13 @@ def send(
         print(f"{command}: {'completed' if wait and slow else 'accepted' if slow else 'done'}")
         for key, value in answer.items():
             print(f"  {key}: {json.dumps(value)}")
+
+
+def tell_progress(progress: Mapping[str, Any]) -> None:
+    """How far a slow command is, in place, for somebody who waits at a terminal."""
+    if sys.stderr.isatty():
+        part = f"{progress['done']:4.0%}" if "done" in progress else f"{progress['elapsed_s']:.1f} s"
+        print(f"{progress['command']}: {part}", end="\r", file=sys.stderr, flush=True)
 
 
 def arguments_of(command: str, words: Sequence[str]) -> dict[str, Any]:

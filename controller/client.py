@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any, Literal, Protocol, Self
 
@@ -96,6 +96,7 @@ class Task:
         self.name = name
         self.accepted: dict[str, Any] = {}
         self.progress: dict[str, Any] = {}
+        """How far it is, as of the newest event that has come in (`controller/service/progress.py` has the keys)."""
         self._client = client
         self._ending: Event | None = None
 
@@ -105,17 +106,23 @@ class Task:
         self._client.poll()
         return self._ending is not None
 
-    def wait(self, timeout_s: float = 60.0) -> dict[str, Any]:
-        """Wait for the end and return what the daemon says of it.
+    def wait(
+        self, timeout_s: float = 60.0, *, on_progress: Callable[[dict[str, Any]], None] | None = None
+    ) -> dict[str, Any]:
+        """Wait for the end and return what the daemon says of it; `on_progress` is called with each progress event.
 
         Raises CommandError if the command failed, and with code `timeout` if it has not ended after `timeout_s`; it
         then goes on, and can be waited for again.
         """
         deadline_ns = self._client.clock.now_ns() + nanoseconds(timeout_s)
+        seen = self.progress
         while self._ending is None:
             if not self._client.receive_until(deadline_ns):
                 problem = f"{self.name} has not ended after {timeout_s:g} s."
                 raise CommandError("timeout", problem, help="Wait longer, or send stop.")
+            if on_progress is not None and self.progress is not seen:
+                seen = self.progress
+                on_progress(seen)
         if self._ending.event == "failed":
             told = self._ending.error
             raise told.as_error() if told else CommandError("failed", f"{self.name} failed.")

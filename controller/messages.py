@@ -171,7 +171,6 @@ class EventKind(IntEnum):
 
     ACCEPTED = 1
     REJECTED = 2
-    PROGRESS = 3
     COMPLETED = 4
     FAILED = 5
     FAULT = 6

@@ -6,7 +6,8 @@
 
 All are msgpack maps. `seq` is that of the request; null where a request was too broken to have one, and in events that
 no request caused. A slow command ends with exactly one event `completed` or `failed`; `failed` holds an `error` as a
-reply does. Events may hold any further keys. NumPy arrays and scalars are written as lists and numbers.
+reply does. Until then `progress` comes some ten times a second (`progress.py`). Events may hold any further keys. NumPy
+arrays and scalars are written as lists and numbers.
 """
 
 from __future__ import annotations

@@ -21,6 +21,7 @@ from controller.service import commands as asked
 from controller.service.answers import encode_error, encode_event, encode_reply, error_told
 from controller.service.command_socket import Address, CommandPort
 from controller.service.links import LatestReader, LinkError, OrderedReader, OrderedSender
+from controller.service.progress import Progress
 from controller.service.requests import Plan, Planner
 from controller.service.state import state_map
 from controller.service.table_shelf import TableShelf
@@ -66,6 +67,8 @@ class _Running:
     plan: Plan
     replied: bool = False
     table: MotionTable | None = None
+    progress: Progress | None = None
+    """Of a slow command, from its acceptance on."""
     deadline_ns: int | None = None
 
 
@@ -136,6 +139,7 @@ class Front:
         while (message := self._links.events.receive()) is not None:
             self._on_event(CycleEvent.unpack(message.payload), now_ns)
         self._take_records(now_ns)
+        self._tell_progress(now_ns)
         self._watch(now_ns, cycle_gone)
 
     @property
@@ -247,6 +251,7 @@ class Front:
                 self._planner.table, self._planner.table_name = running.table, _table_name(running.command)
             if running.command.slow and not running.replied:
                 running.replied = True
+                running.progress = Progress(running.command, running.plan.desired, now_ns)
                 self._reply(running, {"accepted": True, "cycle": event.cycle, "desired": running.plan.desired})
         elif event.kind is EventKind.REJECTED:
             del self._running[event.token]
@@ -317,6 +322,14 @@ class Front:
         """What clients see; of tactile pads only where there are some."""
         pads = {} if self._tactile is None else self._tactile.state(self._clock.now_ns())
         return state_map(record) | pads
+
+    def _tell_progress(self, now_ns: int) -> None:
+        """To whoever sent a slow command, how far it is; not recorded, for the records have it all."""
+        for running in self._running.values():
+            if running.progress is not None and running.identity and self._record is not None:
+                fields = running.progress.take(self._record, now_ns)
+                if fields is not None:
+                    self._send(running.identity, encode_event("progress", running.seq, **fields))
 
     def _watch(self, now_ns: int, cycle_gone: bool) -> None:
         """Deadlines of requests, and the cycle's heartbeat."""

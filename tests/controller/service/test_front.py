@@ -169,6 +169,26 @@ def test_a_slow_command_is_accepted_and_then_completed(office: Office) -> None:
     assert office.recorder.events == ["completed"]
 
 
+def test_a_slow_command_tells_how_far_it_is_to_who_sent_it(office: Office) -> None:
+    """Ten times a second from its acceptance to its end; nobody else hears it, and the recording is not filled."""
+    office.planner.table = TABLE
+    other = office.connect()
+    office.ask("grasp.squeeze", seq=3, load_N=45.0, duration_s=1.0)
+    (command,) = office.heard()
+    office.beat(100)
+    assert office.answers() == []
+    office.tell(EventKind.ACCEPTED, command.token)
+    office.beat(500)
+    told = [answer for answer in office.answers() if answer.get("event") == "progress"]
+    assert 9 <= len(told) <= 10
+    assert {(event["seq"], event["command"], event["done"]) for event in told} == {(3, "grasp.squeeze", 0.0)}
+    office.tell(EventKind.COMPLETED, command.token, Reason.NONE, 0.0011, 46.5, 44.0)
+    office.beat(200)
+    assert [answer["event"] for answer in office.answers()] == ["completed"]
+    assert office.answers(other) == []
+    assert office.recorder.events == ["completed"]
+
+
 def test_where_contact_was_found_is_told(office: Office) -> None:
     """Fingers that touch too far apart are seen in the answer: found beside expected, right and left."""
     office.ask("grasp.close")
