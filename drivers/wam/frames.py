@@ -1,5 +1,5 @@
-"""CAN frames of the WAM: identifiers and payloads, packed and parsed by pure functions on `can.Message` or, for the
-cycle, on bare bytes.
+"""CAN frames of the WAM: identifiers and payloads, packed and parsed on the host's side by pure functions on `can.Message` or,
+for the cycle, on bare bytes.
 
 All frames are standard 11-bit data frames. The identifier is a group bit, the sender's node (host 0, pucks 1 to 7,
 safety puck 10) and a destination node or group. Positions are encoder counts, torques puck units; positions and torques
@@ -24,7 +24,6 @@ GROUP_UPPER_TORQUE = 2
 GROUP_POSITION = 3
 GROUP_ARM = 4
 GROUP_PROPERTY = 6
-GROUP_JOINT_ENCODER = 7
 SAFETY_NODE = 10
 UNASKED_SAFETY_ID = 0x540
 """The safety puck's own frames to the motor pucks."""
@@ -38,7 +37,6 @@ _SENDER_MASK = 0x3E0
 _TO_MASK = 0x41F
 _POSITION_TO = GROUP_BIT | GROUP_POSITION
 _PROPERTY_TO = GROUP_BIT | GROUP_PROPERTY
-_JOINT_ENCODER_TO = GROUP_BIT | GROUP_JOINT_ENCODER
 
 POSITION_MOTORS = {_POSITION_TO | node << 5: node - 1 for node in range(1, 8)}
 """Index of the motor, 0 to 6, by the identifier of its position reply."""
@@ -56,7 +54,7 @@ class Position:
 
 @dataclass(frozen=True, slots=True)
 class PropertyReply:
-    """A puck's property reply; also what a set-property frame carries."""
+    """A puck's property reply."""
 
     node: int
     property_id: int
@@ -115,24 +113,6 @@ def torque_data(first: float, second: float, third: float, fourth: float, proper
 # --- what pucks send
 
 
-def position_reply(node: int, motor_counts: int, joint_counts: int | None = None) -> can.Message:
-    """A puck's answer to the position request, 22-bit counts (wrapped), with or without joint encoder."""
-    data = (motor_counts & 0x3FFFFF).to_bytes(3, "big")
-    if joint_counts is not None:
-        data += (joint_counts & 0x3FFFFF).to_bytes(3, "big")
-    return _frame(_POSITION_TO | node << 5, data)
-
-
-def property_reply(node: int, property_id: int, value: int, *, wide: bool) -> can.Message:
-    """A puck's answer to get-property, with four value bytes (`wide`) or two."""
-    width = 4 if wide else 2
-    data = bytes((0x80 | property_id, 0)) + (value & ((1 << 8 * width) - 1)).to_bytes(width, "little")
-    return _frame(_PROPERTY_TO | node << 5, data)
-
-
-# --- parsing
-
-
 def parse_position(message: can.Message) -> Position:
     """Read a position reply of 3 or 6 bytes; anything else raises ProtocolError."""
     node = _reply_sender(message, _POSITION_TO, "position reply")
@@ -153,38 +133,11 @@ def position_counts(data: bytes | bytearray) -> tuple[int, int | None] | None:
     return ((both >> 24 & 0x3FFFFF) ^ 0x200000) - 0x200000, ((both & 0x3FFFFF) ^ 0x200000) - 0x200000
 
 
-def parse_joint_encoder(message: can.Message) -> tuple[int, int]:
-    """Read a joint encoder reply: node and count. ProtocolError if it is not one."""
-    node = _reply_sender(message, _JOINT_ENCODER_TO, "joint encoder reply")
-    data = message.data
-    if len(data) != 3:
-        raise _malformed(message, "joint encoder reply of 3 bytes")
-    return node, ((int.from_bytes(data, "big") & 0x3FFFFF) ^ 0x200000) - 0x200000
-
-
 def parse_property(message: can.Message) -> PropertyReply:
     """Read a property reply with two or four value bytes, signed; anything else raises ProtocolError."""
     node = _reply_sender(message, _PROPERTY_TO, "property reply")
     property_id, value = property_and_value(message.arbitration_id, _plain_data(message))
     return PropertyReply(node, property_id, value)
-
-
-def parse_request(message: can.Message) -> tuple[int, int | None]:
-    """Read what a puck hears: property number and, for a set-property frame, the value. ProtocolError if neither."""
-    data = _plain_data(message)
-    if len(data) == 1 and not data[0] & 0x80:
-        return data[0], None
-    return property_and_value(message.arbitration_id, _plain_data(message))
-
-
-def parse_torques(message: can.Message) -> tuple[int, tuple[int, int, int, int]]:
-    """Read a packed torque frame: property number and four values, puck units. ProtocolError if it is not one."""
-    data = _plain_data(message)
-    if len(data) != 8 or not data[0] & 0x80:
-        raise _malformed(message, "packed torque frame of 8 bytes")
-    bits = int.from_bytes(data[1:], "big")
-    first, second, third, fourth = (((bits >> shift & 0x3FFF) ^ 0x2000) - 0x2000 for shift in (42, 28, 14, 0))
-    return data[0] & 0x7F, (first, second, third, fourth)
 
 
 def sender(message: can.Message) -> int:

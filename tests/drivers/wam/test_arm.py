@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from drivers.clock import VirtualClock
 from drivers.errors import BusError, DeviceError, InputError, NoReplyError, ProtocolError
+from drivers.simulated import puck_frames
 from drivers.simulated.can_hub import MemoryCanBus, MemoryCanHub
 from drivers.simulated.wam import SimulatedWam
 from drivers.wam.arm import Arm, ArmSample
-from drivers.wam.frames import position_reply, set_property
+from drivers.wam.frames import set_property
 from drivers.wam.parameters import load_wam_parameters
 from drivers.wam.safety_puck import ArmMode, Light
 
@@ -171,17 +172,22 @@ def test_bad_torques_send_nothing(bad: list[float]) -> None:
     assert rig.wam.heard["torque"] == 0
 
 
+def _position(node: int, counts: int) -> can.Message:
+    frame = puck_frames.position(node, counts)
+    return can.Message(arbitration_id=frame.identifier, is_extended_id=False, data=frame.data)
+
+
 def test_stale_replies_are_dropped() -> None:
     """Protects against last cycle's late replies: before the request, or behind it but before the true one."""
     rig = Rig()
     rig.arm.start()
     other = _other_host(rig)
-    other.send(position_reply(4, -36_000))
+    other.send(_position(4, -36_000))
     assert rig.cycle().stale == 1
     rig.clock.advance_to_ns(rig.clock.now_ns() // _PERIOD_NS * _PERIOD_NS + _PERIOD_NS)
     rig.arm.request_positions()
     late = VirtualClock(rig.clock.now_ns())
-    MemoryCanBus(rig.hub, late).send(position_reply(1, 500))  # overtakes the replies: ends 58 + 78 µs after the request
+    MemoryCanBus(rig.hub, late).send(_position(1, 500))  # overtakes the replies: ends 58 + 78 µs after the request
     sample = rig.arm.collect_positions(rig.clock.now_ns() + 1_500_000)
     assert (sample.replies, sample.stale) == (7, 1)
     np.testing.assert_allclose(sample.joint_rad, _PARAMETERS.home_rad, atol=2e-4)

@@ -10,16 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import InputError, ProtocolError
+from drivers.simulated import puck_frames
+from drivers.simulated.can_wire import Frame
 from drivers.wam.frames import (
     get_property,
-    parse_joint_encoder,
     parse_position,
     parse_property,
-    parse_request,
-    parse_torques,
-    position_reply,
     position_request,
-    property_reply,
+    property_and_value,
     set_property,
     torque_frame,
 )
@@ -27,6 +25,10 @@ from drivers.wam.frames import (
 
 def _message(identifier: int, data: str) -> can.Message:
     return can.Message(arbitration_id=identifier, is_extended_id=False, data=bytes.fromhex(data))
+
+
+def _heard(frame: Frame) -> can.Message:
+    return _message(frame.identifier, frame.data.hex())
 
 
 def _is(message: can.Message, identifier: int, data: str) -> bool:
@@ -72,16 +74,16 @@ def test_position_request_is_p_of_group_4() -> None:
     ],
 )
 def test_set_property_gives_the_reference_rows(destination: int, number: int, value: int, data: str) -> None:
-    """Protects the six-byte form, and that a puck reads back what was meant."""
+    """Protects the six-byte form, and that a puck, or who overhears it, reads what was meant."""
     message = set_property(destination, number, value)
     assert _is(message, destination, data)
-    assert parse_request(message) == (number, value)
+    assert property_and_value(destination, message.data) == puck_frames.request(bytes(message.data)) == (number, value)
 
 
 @pytest.mark.parametrize(("data", "number", "value"), [("AF007B12", 47, 4731), ("AE000010", 46, 4096)])
 def test_short_set_form_is_understood(data: str, number: int, value: int) -> None:
     """Protects the four-byte form that other hosts send."""
-    assert parse_request(_message(0x00A, data)) == (number, value)
+    assert property_and_value(0x00A, bytes.fromhex(data)) == (number, value)
 
 
 @pytest.mark.parametrize(
@@ -105,7 +107,7 @@ def test_property_replies_of_the_reference(identifier: int, data: str, node: int
     """Protects node, number, width and sign of a reply, both ways."""
     reply = parse_property(_message(identifier, data))
     assert (reply.node, reply.property_id, reply.value) == (node, number, value)
-    assert _is(property_reply(node, number, value, wide=len(data) == 12), identifier, data)
+    assert puck_frames.property_value(node, number, value, len(data) // 2 - 2) == (identifier, bytes.fromhex(data))
 
 
 @pytest.mark.parametrize(
@@ -154,7 +156,7 @@ def test_positions_of_the_reference(identifier: int, data: str, node: int, motor
     """Protects sign and byte order of the counts that all control rests on, both ways."""
     position = parse_position(_message(identifier, data))
     assert (position.node, position.motor_counts, position.joint_counts) == (node, motor, joint)
-    assert _is(position_reply(node, motor, joint), identifier, data)
+    assert puck_frames.position(node, motor, joint) == (identifier, bytes.fromhex(data))
 
 
 def test_position_masks_the_two_top_bits() -> None:
@@ -167,8 +169,8 @@ def test_position_masks_the_two_top_bits() -> None:
     [(0x427, "000000", 1, 0), (0x447, "3CD11C", 2, -208612), (0x487, "027D34", 4, 163124)],
 )
 def test_joint_encoder_replies_of_the_reference(identifier: int, data: str, node: int, counts: int) -> None:
-    """Protects the joint encoder's own frame."""
-    assert parse_joint_encoder(_message(identifier, data)) == (node, counts)
+    """Protects the joint encoder's own frame, as the simulated puck sends it."""
+    assert puck_frames.joint_encoder(node, counts) == (identifier, bytes.fromhex(data))
 
 
 _UNITS = st.lists(st.floats(-20000, 20000, allow_nan=False), min_size=1, max_size=4)
@@ -178,15 +180,15 @@ _UNITS = st.lists(st.floats(-20000, 20000, allow_nan=False), min_size=1, max_siz
 def test_torques_unpack_to_the_clipped_floor(group: int, values: list[float], number: int) -> None:
     """Law: what is unpacked is each value clipped to ±8191 and floored; missing ones are zero."""
     expected = [floor(min(max(value, -8191), 8191)) for value in values] + [0] * (4 - len(values))
-    assert parse_torques(torque_frame(group, values, number)) == (number, tuple(expected))
+    assert puck_frames.torques(bytes(torque_frame(group, values, number).data)) == (number, tuple(expected))
 
 
 @given(node=st.integers(1, 31), counts=st.integers(-(2**21), 2**21 - 1), number=st.integers(0, 127), wide=st.booleans())
 def test_what_a_puck_says_is_what_the_host_reads(node: int, counts: int, number: int, wide: bool) -> None:
     """Law: parse ∘ pack is the identity for positions and properties."""
-    assert parse_position(position_reply(node, counts)).motor_counts == counts
+    assert parse_position(_heard(puck_frames.position(node, counts))).motor_counts == counts
     value = counts if wide else counts >> 6
-    reply = parse_property(property_reply(node, number, value, wide=wide))
+    reply = parse_property(_heard(puck_frames.property_value(node, number, value, 4 if wide else 2)))
     assert (reply.node, reply.property_id, reply.value) == (node, number, value)
 
 
@@ -202,7 +204,7 @@ def test_noise_is_parsed_or_refused(identifier: int, data: bytes, extended: bool
     message = can.Message(
         arbitration_id=identifier, is_extended_id=extended, is_remote_frame=remote, is_error_frame=error, data=data
     )
-    for parse in (parse_position, parse_property, parse_joint_encoder, parse_request, parse_torques):
+    for parse in (parse_position, parse_property):
         try:
             parse(message)
         except ProtocolError:
