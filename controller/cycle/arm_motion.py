@@ -87,6 +87,11 @@ class ArmMotion:
         self._kinematics.set_posture(joint_rad)
         self.scale = 1.0
 
+    def keep(self, offset: PlanarMotion) -> None:
+        """The hand's offset ends here: the wrist stays where it is with it, and plans from there."""
+        if not self.moving:
+            self._set_plan(self.T_world_wrist_plan @ self._offset.matrix(offset))
+
     @property
     def wrist_target_xyz_m(self) -> Array:
         """Where the wrist is wanted, offset included, world axes (3)."""

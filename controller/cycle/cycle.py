@@ -222,6 +222,7 @@ class Cycle:
         if not (grasping.compensated and parts.orders.compensation):
             self._governor = 1.0
             if smoother.motion is not STILL:
+                parts.motion.keep(smoother.motion)
                 smoother.reset()
             return
         offset = smoother.step(grasping.offset_target)

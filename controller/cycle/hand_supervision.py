@@ -16,6 +16,13 @@ from controller.messages import EventKind, HandState, Reason
 
 WELL_CYCLES = 500
 """Without anything wrong, after which a warning may come again: the same loose plug is not told a hundred times."""
+_LOST = (
+    Reason.HAND_OVERHEATED,
+    Reason.HAND_OVERLOADED,
+    Reason.HAND_RESTARTED,
+    Reason.HAND_TORQUE_LOST,
+    Reason.HAND_POSITION_JUMP,
+)
 _BEARABLE = (Reason.HAND_HARDWARE, Reason.HAND_VOLTAGE)
 
 
@@ -45,6 +52,7 @@ class HandSupervision:
         if orders.fault is Reason.NONE:
             self._failed = self._known
         if grasping.compensated and not is_hot:
+            grasping.lost |= reason in _LOST
             if rank > self._failed:
                 self._failed = rank
                 orders.fail_hand(reason)

@@ -27,7 +27,8 @@ class HandSettings:
     period_s: float = 0.0025
     set_point_age_s: float = 0.1
     opening_rate_m_s: float = 0.012
-    missed_for_fault: int = 10
+    silent_for_fault_s: float = 0.06
+    """Without a good answer of a motor: told within 0.1 s, and a short disturbance is none."""
 
 
 class HandPart:
@@ -141,7 +142,11 @@ class HandPart:
 
     def _judge(self, sample: TendonSample) -> HandFault:
         fault = HandFault.NONE
-        silent = [missed >= self._settings.missed_for_fault for missed in sample.missed]
+        limit_ns = self._clock.now_ns() - nanoseconds(self._settings.silent_for_fault_s)
+        silent = [
+            missed > 0 and sample_ns < limit_ns
+            for missed, sample_ns in zip(sample.missed, sample.sample_ns, strict=True)
+        ]
         if any(silent):
             fault |= HandFault.NO_REPLY if all(silent) else HandFault.NO_REPLY | HandFault.ONE_SILENT
         if bits := sample.hardware_error[0] | sample.hardware_error[1]:

@@ -18,6 +18,7 @@ class PlayedGrasp:
     """As much of a grasp as is looked at."""
 
     compensated: bool = False
+    lost: bool = False
     outcomes: list[Outcome] = field(default_factory=list)
 
 
@@ -62,6 +63,7 @@ def test_what_is_worse_is_told_behind_what_stood(rig: Rig) -> None:
     rig.look(HandFault.TORQUE_LOST | HandFault.RESTARTED, 3)
     rig.look(HandFault.NO_REPLY, 3)
     assert rig.orders.told == [Reason.HAND_MOTOR_SILENT, Reason.HAND_RESTARTED]
+    assert rig.grasp.lost
 
 
 def test_an_empty_hand_only_warns_and_once(rig: Rig) -> None:
