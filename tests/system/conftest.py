@@ -16,6 +16,7 @@ from controller.config import RobotConfig, load_config
 from controller.service.assembly import configured_hand
 from controller.simulation.demo_cases import OBJECT, GraspCase, demo_cases, table_name
 from tests.system.daemon_rig import Installation
+from tests.system.motor_fault_runs import Robots
 
 
 @pytest.fixture(scope="session")
@@ -47,3 +48,9 @@ def installation() -> Iterator[Installation]:
     """A place of its own for a daemon; with its end all is ended that was started in it."""
     with tempfile.TemporaryDirectory(prefix="sg-") as directory, closing(Installation(Path(directory))) as place:
         yield place
+
+
+@pytest.fixture(scope="module")
+def robot_in(config: RobotConfig, symmetric_case: GraspCase) -> Robots:
+    """Robots for the fault matrix of the tendon motors, in a phase."""
+    return Robots(config.tables.directory, symmetric_case)
