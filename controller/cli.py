@@ -258,8 +258,10 @@ def status(endpoint: Endpoint = None, config: Config = None, as_json: AsJson = F
     joints = " ".join(f"{angle:.3f}" for angle in arm["joint_rad"])
     switched = "on" if compensation["enabled"] else "off"
     print(f"arm           {arm['state']}, joints {joints} rad")
+    amiss = f"; {', '.join(hand['faults'])}" if hand["faults"] else ""
     print(
-        f"hand          {hand['state']}, tension {hand['tension_N'][0]:.1f} {hand['tension_N'][1]:.1f} N (right, left)"
+        f"hand          {hand['state']}, tension {hand['tension_N'][0]:.1f} {hand['tension_N'][1]:.1f} N "
+        f"(right, left){amiss}"
     )
     if "tactile" in state:
         from controller.pad_map import pad_lines
