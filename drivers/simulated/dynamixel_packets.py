@@ -7,11 +7,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from drivers.simulated.packet_stream import PacketStream
+
 HEADER = b"\xff\xff\xfd\x00"
 MAXIMUM_LENGTH = 1024
 """Longest length field that is believed; more is garbage."""
 BROADCAST = 0xFE
 STATUS = 0x55
+_PREFIX_BYTES = 7
+"""Header, id and length."""
 
 
 def crc16(data: bytes, start: int = 0) -> int:
@@ -76,38 +80,17 @@ class Packet:
     wire: bytes
 
 
-class PacketReader:
+class PacketReader(PacketStream[Packet]):
     """Finds packets in bytes that come in pieces, among garbage. Status packets (of other devices) are passed over."""
 
     def __init__(self) -> None:
-        self._buffer = b""
+        super().__init__(HEADER, _PREFIX_BYTES)
 
-    def clear(self) -> None:
-        """Forget a packet that never became whole."""
-        self._buffer = b""
+    def _whole_bytes(self, prefix: bytes) -> int | None:
+        length = int.from_bytes(prefix[5:7], "little")
+        return _PREFIX_BYTES + length if 3 <= length <= MAXIMUM_LENGTH else None
 
-    def feed(self, data: bytes) -> list[Packet]:
-        """The packets that `data` completes, in order."""
-        self._buffer += data
-        packets: list[Packet] = []
-        while True:
-            start = self._buffer.find(HEADER)
-            if start < 0:
-                self._buffer = self._buffer[-3:]  # may be the beginning of a header
-                return packets
-            self._buffer = self._buffer[start:]
-            if len(self._buffer) < 7:
-                return packets
-            length = int.from_bytes(self._buffer[5:7], "little")
-            if not 3 <= length <= MAXIMUM_LENGTH:
-                self._buffer = self._buffer[len(HEADER) :]
-                continue
-            if len(self._buffer) < 7 + length:
-                return packets
-            wire = self._buffer[: 7 + length]
-            intact = crc16(wire[:-2]) == int.from_bytes(wire[-2:], "little")
-            # the length of a damaged packet may be what is damaged: look for the next header inside it
-            self._buffer = self._buffer[len(wire) if intact else len(HEADER) :]
-            body = unstuff(wire[7:-2])
-            if body[0] != STATUS:
-                packets.append(Packet(wire[4], body[0], body[1:], intact, wire))
+    def _packet(self, wire: bytes) -> tuple[Packet | None, bool]:
+        intact = crc16(wire[:-2]) == int.from_bytes(wire[-2:], "little")
+        body = unstuff(wire[_PREFIX_BYTES:-2])
+        return None if body[0] == STATUS else Packet(wire[4], body[0], body[1:], intact, wire), intact

@@ -7,10 +7,13 @@ tells them apart. Source: dynamixel reference 4.1.
 from __future__ import annotations
 
 from drivers.simulated.dynamixel_packets import Packet
+from drivers.simulated.packet_stream import PacketStream
 
 HEADER = b"\xff\xff"
 NO_ID = 0xFF
 SHORTEST_LENGTH = 2
+_PREFIX_BYTES = 4
+"""Header, id and length."""
 
 
 def checksum(body: bytes) -> int:
@@ -24,36 +27,16 @@ def pack(packet_id: int, code: int, parameters: bytes = b"") -> bytes:
     return HEADER + body + bytes((checksum(body),))
 
 
-class PacketReader:
+class PacketReader(PacketStream[Packet]):
     """Finds instruction packets in bytes that come in pieces, among garbage."""
 
     def __init__(self) -> None:
-        self._buffer = b""
+        super().__init__(HEADER, _PREFIX_BYTES)
 
-    def clear(self) -> None:
-        """Forget a packet that never became whole."""
-        self._buffer = b""
+    def _whole_bytes(self, prefix: bytes) -> int | None:
+        packet_id, length = prefix[2], prefix[3]
+        return None if packet_id == NO_ID or length < SHORTEST_LENGTH else _PREFIX_BYTES + length
 
-    def feed(self, data: bytes) -> list[Packet]:
-        """The packets that `data` completes, in order."""
-        self._buffer += data
-        packets: list[Packet] = []
-        while True:
-            start = self._buffer.find(HEADER)
-            if start < 0:
-                self._buffer = self._buffer[-1:]  # may be the first half of a header
-                return packets
-            self._buffer = self._buffer[start:]
-            if len(self._buffer) < 4:
-                return packets
-            packet_id, length = self._buffer[2], self._buffer[3]
-            if packet_id == NO_ID or length < SHORTEST_LENGTH:
-                self._buffer = self._buffer[1:]
-                continue
-            if len(self._buffer) < 4 + length:
-                return packets
-            wire = self._buffer[: 4 + length]
-            intact = checksum(wire[2:-1]) == wire[-1]
-            # the length of a damaged packet may be what is damaged: look for the next header inside it
-            self._buffer = self._buffer[len(wire) if intact else len(HEADER) :]
-            packets.append(Packet(packet_id, wire[4], wire[5:-1], intact, wire))
+    def _packet(self, wire: bytes) -> tuple[Packet | None, bool]:
+        intact = checksum(wire[2:-1]) == wire[-1]
+        return Packet(wire[2], wire[4], wire[5:-1], intact, wire), intact
