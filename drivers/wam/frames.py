@@ -1,5 +1,5 @@
-"""CAN frames of the WAM: identifiers and payloads, packed and parsed on the host's side by pure functions on `can.Message` or,
-for the cycle, on bare bytes.
+"""CAN frames of the WAM, on the host's side: identifiers and payloads, packed and parsed by pure functions on
+`can.Message` or, for the cycle, on bare bytes.
 
 All frames are standard 11-bit data frames. The identifier is a group bit, the sender's node (host 0, pucks 1 to 7,
 safety puck 10) and a destination node or group. Positions are encoder counts, torques puck units; positions and torques
