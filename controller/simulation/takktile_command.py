@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 from collections.abc import Callable
 from enum import StrEnum
 from functools import partial
@@ -18,6 +17,7 @@ from controller.service.run_directory import RunDirectory
 from controller.service.stop_requests import StopRequests
 from controller.simulation.device_loop import DeviceLoop
 from controller.simulation.stepped_clock import SteppedClock
+from controller.typed_lines import TypedLines
 from drivers.simulated.faults import FaultScript
 from drivers.simulated.takktile import SimulatedTakktile, two_fingers, uneven
 from drivers.simulated.takktile_fault_actions import TakktileAction
@@ -27,10 +27,9 @@ from drivers.takktile.frames import Cell, Firmware
 TAKKTILE_EXAMPLE = (
     "Example: stillgrasp simulate takktile --channel pads.sock --json; in robot.toml, in the table tactile: "
     'interface = "socket", channel = "pads.sock". Forces, on standard input: right 1.5; or on one cell: 0:2 1.5. '
-    'A fault, in faults.toml: \\[\\[fault]] on = "sampling", at_s = 5, for_s = 2, action = { kind = "unplug" }, each on a '
-    "line of its own."
+    'A fault, in faults.toml: \\[\\[fault]] on = "sampling", at_s = 5, for_s = 2, action = { kind = "unplug" }, '
+    "each on a line of its own."
 )
-_MOST_BYTES = 4096
 
 
 class FirmwareName(StrEnum):
@@ -45,22 +44,22 @@ class ForceLines:
 
     def __init__(self, descriptor: int, say: Callable[[str], None]) -> None:
         self.force_N = [0.0, 0.0]
-        self.open = True
-        self._descriptor = descriptor
+        self._lines = TypedLines(descriptor)
         self._say = say
-        self._rest = b""
+
+    @property
+    def open(self) -> bool:
+        """False from the end of the input on."""
+        return self._lines.open
 
     def fileno(self) -> int:
         """Readable when a line, or the end, has come."""
-        return self._descriptor
+        return self._lines.fileno()
 
     def read(self, device: SimulatedTakktile) -> None:
         """Take what was written."""
-        data = os.read(self._descriptor, _MOST_BYTES)
-        self.open = bool(data)
-        *lines, self._rest = (self._rest + data).split(b"\n")
-        for line in lines:
-            self.take(line.decode(errors="replace"), device)
+        for line in self._lines.read():
+            self.take(line, device)
 
     def take(self, line: str, device: SimulatedTakktile) -> None:
         """One line; what is none is told and changes nothing."""
