@@ -26,7 +26,9 @@ from drivers.dynamixel.startup_checks import (
     check_calibration,
     check_drive_mode,
     check_return_delay,
+    check_secondary_id,
     check_shutdown,
+    check_temperature_limit,
     check_travel,
     check_zero,
     error_names,
@@ -88,11 +90,13 @@ def inspect(motor: MotorAccess, settings: MotorSettings) -> Inspection:
     model, shutdown = motor.model, motor.read("shutdown")
     findings = check_shutdown(model, shutdown, holds)
     findings += check_return_delay(model, motor.read("return_delay_time"), holds)
+    findings += check_temperature_limit(settings, model, motor.read("temperature_limit"))
     goal_switches_on = model.protocol == 1
     wraps_ticks, watchdog_s = 0, 0.0
     if model.protocol == 2:
         drive_mode = motor.read("drive_mode")
         findings += check_drive_mode(drive_mode, holds)
+        findings += check_secondary_id(motor.read("secondary_id"), holds)
         unwatched = _check_watchdog(motor, settings, answer.firmware)
         findings += unwatched
         watchdog_s = 0.0 if unwatched else settings.watchdog_s

@@ -4,10 +4,10 @@ Bringing up (dynamixel reference 8): model, hardware error, torque state, mode, 
 read first and nothing is written until all of them are good (`inspect`, `check_mounting`; what makes them good is in
 `startup_checks.py`). Then, in `bring_up`,
 
-* a motor without torque gets return delay 0, Drive Mode 0, what has to be in Shutdown, every write acknowledged, its
-  mode, gains, a small ceiling and its *present* position as goal, in this order, and only then torque: it never moves
-  on being switched on. The ceiling comes before the goal because protocol 1.0 motors switch torque on by themselves
-  when a goal is written;
+* a motor without torque gets return delay 0, Drive Mode 0, no Secondary Id, what has to be in Shutdown, every write
+  acknowledged, its mode, gains, a small ceiling and its *present* position as goal, in this order, and only then
+  torque: it never moves on being switched on. The ceiling comes before the goal because protocol 1.0 motors switch
+  torque on by themselves when a goal is written;
 * a motor that already holds is **adopted**: torque stays on, goal and ceiling stay what they are, and an object in
   the hand stays in it; `MotorIdentity.warnings` says what would have been refused. In a mode that winds no tendon, or
   where sign or zero are not the calibrated ones, it is left as it is, and `MotorIdentity.refusal` says why.
@@ -35,7 +35,7 @@ from drivers.dynamixel.inspection import (
 )
 from drivers.dynamixel.motor_access import MotorAccess
 from drivers.dynamixel.settings import MotorSettings
-from drivers.dynamixel.startup_checks import shutdown_to_be
+from drivers.dynamixel.startup_checks import NO_SECONDARY_ID, shutdown_to_be
 from drivers.errors import BusError, DeviceError, NoReplyError, ProtocolError
 
 __all__ = ["Inspection", "MotorIdentity", "TendonMotor", "hardware_error_text", "is_alone"]
@@ -74,6 +74,8 @@ class TendonMotor(MotorAccess):
             self.write_if_different("return_delay_time", 0)
             if self.model.protocol == 2:
                 self.write_if_different("drive_mode", 0)
+                if self.read("secondary_id") < NO_SECONDARY_ID:
+                    self.write("secondary_id", self.model.registers["secondary_id"].default)
             self.write_if_different("shutdown", shutdown_to_be(self.model, self.read("shutdown")))
             self._choose_mode()
         for name, value in self._loop_settings():

@@ -22,6 +22,8 @@ from drivers.dynamixel.settings import MotorSettings
 REVERSE, TORQUE_BY_GOAL = 0x01, 0x08
 """Bits of Drive Mode; bit 2, time-based profiles, means nothing to a motor without profile."""
 OVERHEATING, SHOCK = 0x04, 0x10
+NO_SECONDARY_ID = 253
+"""From here on a Secondary Id means none; 255 as delivered."""
 ZERO_SLACK_M = 0.005
 """How far beyond its travel a spool may stand when it is found."""
 CURRENT_SUPPLY_TOLERANCE = 0.1
@@ -80,6 +82,26 @@ def check_return_delay(model: MotorModel, value: int, holds: bool) -> list[Findi
     delay_us = 1e6 * value * model.return_delay_unit_s
     text = f"answers {delay_us:.0f} µs later than it could (Return Delay Time {value})."
     return [Finding(Consequence.WARNED, text, "Started without torque the next time, it gets 0.")]
+
+
+def check_secondary_id(value: int, holds: bool) -> list[Finding]:
+    """Secondary Id of protocol 2.0, before it is switched off in a motor that does not hold."""
+    if value >= NO_SECONDARY_ID or not holds:
+        return []
+    text = f"also obeys what is written to id {value} (Secondary Id), and never says so."
+    return [Finding(Consequence.WARNED, text, "Started without torque the next time, it gets none.")]
+
+
+def check_temperature_limit(settings: MotorSettings, model: MotorModel, limit_C: int) -> list[Finding]:
+    """Where it lets go for heat: not beyond what it is made for, and not before its load cap is lowered."""
+    default_C = model.registers["temperature_limit"].default
+    if limit_C > default_C:
+        text = f"lets go for heat only at {limit_C} °C; it is made for {default_C} °C."
+        return [Finding(Consequence.WARNED, text, f"Write {default_C} to its Temperature Limit.")]
+    if limit_C <= settings.derating_start_C:
+        text = f"lets go for heat at {limit_C} °C, before its load cap is lowered at {settings.derating_start_C:g} °C."
+        return [Finding(Consequence.WARNED, text, "Lower tendons.derating_start_C, or raise its Temperature Limit.")]
+    return []
 
 
 def shutdown_to_be(model: MotorModel, value: int) -> int:

@@ -17,10 +17,10 @@ from drivers.dynamixel.port import WaitingPort
 
 PLACES = {  # reference 2.2, 2.3: address and size
     1: {"model": (0, 2), "firmware": (2, 1), "delay": (5, 1), "lower": (6, 2), "upper": (8, 2), "max_torque": (14, 2)}
-    | {"shutdown": (18, 1)}
+    | {"shutdown": (18, 1), "hottest": (11, 1)}
     | {"level": (16, 1), "torque": (24, 1), "gain": (28, 1), "goal": (30, 2), "limit": (34, 2), "position": (36, 2)}
     | {"velocity": (38, 2), "effort": (40, 2), "voltage": (42, 1), "temperature": (43, 1)},
-    2: {"drive": (10, 1), "shutdown": (63, 1)}
+    2: {"drive": (10, 1), "shutdown": (63, 1), "second_id": (12, 1), "hottest": (31, 1)}
     | {"model": (0, 2), "firmware": (6, 1), "delay": (9, 1), "mode": (11, 1), "offset": (20, 4), "pwm_limit": (36, 2)}
     | {"current_limit": (38, 2), "torque": (64, 1), "level": (68, 1), "hardware": (70, 1), "gain": (84, 2)}
     | {"watchdog": (98, 1), "goal_pwm": (100, 2), "goal_current": (102, 2), "goal": (116, 4), "effort": (126, 2)}
@@ -29,10 +29,10 @@ PLACES = {  # reference 2.2, 2.3: address and size
 }
 DEFAULTS = {
     1: {"firmware": 40, "delay": 250, "lower": 0, "max_torque": 1023, "level": 2, "limit": 1023, "voltage": 120}
-    | {"temperature": 30, "gain": 32, "shutdown": 36},
+    | {"temperature": 30, "gain": 32, "shutdown": 36, "hottest": 80},
     2: {"firmware": 45, "delay": 250, "mode": 3, "pwm_limit": 885, "current_limit": 1193, "level": 2, "goal_pwm": 885}
     | {"goal_current": 1193, "voltage": 120, "temperature": 30, "max_position": 4095, "gain": 800}
-    | {"shutdown": 52},
+    | {"shutdown": 52, "second_id": 255, "hottest": 72},
 }
 
 

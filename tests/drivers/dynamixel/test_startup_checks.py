@@ -132,6 +132,33 @@ def test_an_adopted_motor_s_return_delay_is_told(rig_of: RigOf, number: int, pro
     assert literal["delay"] == 0
 
 
+def test_a_secondary_id_is_taken_away(rig_of: RigOf) -> None:
+    """With the other motor's id both would wind when one is told to; nobody would see why."""
+    motor, literal = make(rig_of)
+    literal["second_id"] = 2
+    assert started(motor).identity.warnings == ()
+    assert literal["second_id"] == 255
+    holding(literal)["second_id"] = 2
+    assert "also obeys what is written to id 2" in started(motor).identity.warnings[0]
+    assert literal["second_id"] == 2
+
+
+@pytest.mark.parametrize(
+    ("limit_C", "told"),
+    [
+        (100, "only at 100 °C; it is made for 80 °C"),
+        (60, "at 60 °C, before its load cap is lowered at 65 °C"),
+        (70, ""),
+    ],
+)
+def test_where_a_motor_lets_go_for_heat(rig_of: RigOf, limit_C: int, told: str) -> None:
+    """Derating must come first, and the limit must protect."""
+    motor, literal = make(rig_of)
+    literal["hottest"] = limit_C
+    warnings = started(motor).identity.warnings
+    assert told in warnings[0] if told else warnings == ()
+
+
 @pytest.mark.parametrize(
     ("change", "text"),
     [({"firmware": 43}, "has firmware 43; its load law was measured with firmware 45"), ({}, "")],
