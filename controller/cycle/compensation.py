@@ -54,6 +54,18 @@ def hand_offset(contact_pose: Vector3, pose: Vector3, rate: Vector3, acceleratio
     )
 
 
+def after(first: Vector3, then: PlanarMotion) -> PlanarMotion:
+    """first · then: the offset `then`, begun where the hand is off by `first` already (x, y, θ; m, rad)."""
+    x, y, angle = first
+    cos, sin = math.cos(angle), math.sin(angle)
+    (px, py, phi), (vx, vy, w), (ax, ay, alpha) = then
+    return PlanarMotion(
+        (x + cos * px - sin * py, y + sin * px + cos * py, angle + phi),
+        (cos * vx - sin * vy, sin * vx + cos * vy, w),
+        (cos * ax - sin * ay, sin * ax + cos * ay, alpha),
+    )
+
+
 @dataclass(frozen=True)
 class OffsetLimits:
     """Limits of the hand offset: translation m, rotation rad, and their rates."""

@@ -11,34 +11,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from calibration.motion_table import MotionTable, Status
-from controller.cycle.compensation import STILL, PlanarMotion, hand_offset
+from controller.cycle.compensation import STILL, PlanarMotion, Vector3, after, hand_offset
 from controller.cycle.contact_search import ContactSearch, SearchSettings
 from controller.cycle.grasp_state import COMPENSATED, GRIPPING, GraspEvent, GraspPhase, HandStatus, next_phase
 from controller.cycle.load_cap import LoadCap, LoadCapWatch
 from controller.cycle.motion_index import IndexReading, IndexSettings, MotionIndex
+from controller.cycle.motor_drive import MotorDrive
 from controller.cycle.pads import PadWatch
 from controller.cycle.planar_table import PlanarTable, finger_excursion_m
 from controller.cycle.winding import WindingLimits, WindingProfile
 from controller.messages import CompensationIndex, EventKind, HandMode, HandSetPoint, HandState, Pair, Reason
-
-
-@dataclass(frozen=True)
-class MotorDrive:
-    """How far a tendon motor's position loop lags: its P gain is a spring that tension and gear friction wind up
-    (dynamixel reference 2.4: standing, the output is P gain × position error), its back-EMF a lag at speed, and within
-    `dead_m` it does nothing. All but the last at `voltage_V`: a higher supply does more with the same error."""
-
-    compliance_m_per_N: float = 0.0
-    friction_N: float = 0.0
-    lag_s: float = 0.0
-    dead_m: float = 0.0
-    voltage_V: float = 12.0
-
-    def lead_m(self, tension_N: float, rate_m_s: float, friction_sign: float, supply_V: float) -> float:
-        """How far the goal must be ahead of a spool that pulls `tension_N` at `rate_m_s`; friction against its sign."""
-        load_N = tension_N + friction_sign * self.friction_N
-        lead_m = (self.compliance_m_per_N * load_N + self.lag_s * rate_m_s) * self.voltage_V / supply_V
-        return lead_m + min(max(lead_m, -self.dead_m), self.dead_m)
 
 
 @dataclass(frozen=True)
@@ -89,6 +71,8 @@ class Grasping:
         self._gripped_at_fault = False
         self._freeing = False
         """Released in a fault: fingers may be trapped, and no arm that lags behind slows that down."""
+        self.lost = False
+        """A tendon let go or slipped: its excursion no longer tells where the object is, and the arm follows nothing."""
         self._load_watch = LoadCapWatch(LoadCap(settings.load_cap_N))
         self._friction_sign = 0.0
         self._supply_V: Pair = (12.0, 12.0)
@@ -103,6 +87,7 @@ class Grasping:
         self.index_kind = CompensationIndex.EXCURSION
         self.reading: IndexReading | None = None
         self.offset_target: PlanarMotion = STILL
+        self._offset_at_touch = STILL.pose
         self.winding = self._profile.state
         self.outcomes: list[Outcome] = []
 
@@ -161,18 +146,17 @@ class Grasping:
         settings = self._settings
         self._index = self.make_index(table, self._period_s, settings.index, settings.contact_zone_m)
         self._index.start(hand)
+        self._offset_at_touch = STILL.pose
         self._contact = ContactSearch(settings.search, table, self.pads)
-        self._supply_V = (
-            _supply_V(hand.voltage_V[0], settings.drives[0]),
-            _supply_V(hand.voltage_V[1], settings.drives[1]),
-        )
+        right, left = settings.drives
+        self._supply_V = (right.supply_V(hand.voltage_V[0]), left.supply_V(hand.voltage_V[1]))
         start_m = 0.5 * (hand.excursion_m[0] + hand.excursion_m[1]) - table.mean_contact_m
         self._profile.place(min(start_m, 0.0))
         rate = settings.closing_rate_m_s if rate_m_s is None else rate_m_s
         # No stop before the slow part: at rest, gear friction hides the load.
         self._profile.move(-settings.contact_zone_m, rate_m_s=rate, end_rate_m_s=settings.contact_rate_m_s)
         self._token, self._searching, self._stop_reason = token, False, None
-        self._opening = False
+        self._opening = self.lost = False
         return Reason.NONE
 
     def squeeze(self, token: int, mean_excursion_m: float, load_N: float, duration_s: float) -> Reason:
@@ -233,6 +217,7 @@ class Grasping:
     def clear_fault(self) -> None:
         """The fault is over: what was held goes on being held where it now is."""
         self.enter(GraspEvent.FAULT_CLEARED)
+        self.lost = False
         if self.phase is GraspPhase.HOLDING and self._index is not None:
             self._profile.place(self._index.winding_m)
 
@@ -276,13 +261,21 @@ class Grasping:
         """The wanted hand offset; outside the table the last one stands: nothing is extrapolated. So it does while
         contact is overdue: the object stands later than the table has it, and nothing moves it yet."""
         overdue = self.phase is GraspPhase.CLOSING and reading.mean_m > self._settings.overdue_m
-        if reading.usable and not overdue:
-            motion = reading.motion
-            self.offset_target = hand_offset(table.contact_pose, motion.pose, motion.rate, motion.acceleration)
+        if reading.usable and not overdue and not self.lost:
+            self.offset_target = self.offset_of(table, reading.motion)
         else:
             self.offset_target = PlanarMotion(self.offset_target.pose, STILL.rate, STILL.acceleration)
             if reading.status is Status.OUTSIDE and self.phase is GraspPhase.SQUEEZING:
                 self._halt(Reason.TABLE_END_REACHED)
+
+    def offset_of(self, table: PlanarTable, motion: PlanarMotion) -> PlanarMotion:
+        """The hand offset that keeps the object still in the room as it moves so in the hand.
+
+        Where contact came later than the table expects it, the wrist had begun to move before the object did: to take
+        that back would move the object, so its motion counts from there.
+        """
+        offset = hand_offset(table.contact_pose, motion.pose, motion.rate, motion.acceleration)
+        return after(self._offset_at_touch, offset)
 
     def _drive(self, table: PlanarTable) -> HandSetPoint:
         """Excursion set-points, spool-side, of the winding coordinate."""
@@ -328,8 +321,17 @@ class Grasping:
         """Both fingers touch: the index goes by where, and the command is completed once the tendons stand."""
         assert self._index is not None
         self._index.set_contact(contact.gripped_m, contact.onset_load_N)
+        self._offset_at_touch = self._offset_before_touch(self._index.mean_shift_m)
         self.enter(GraspEvent.CONTACT_FOUND)
         self._stop_reason = Reason.NONE
+
+    def _offset_before_touch(self, late_m: float) -> Vector3:
+        """Hand offset when the fingers touched, `late_m` of mean excursion after the contact that the table expects."""
+        assert self.table is not None
+        sample = self.table.at_excursion(min(max(late_m, 0.0), self._settings.overdue_m), 0.0)
+        if not sample.usable:
+            return self._offset_at_touch
+        return hand_offset(self.table.contact_pose, sample.pose, STILL.rate, STILL.acceleration).pose
 
     def _give_up(self, reason: Reason) -> None:
         """Open again and stay before the object."""
@@ -383,11 +385,6 @@ class Grasping:
         if self._token:
             self.outcomes.append(Outcome(kind, self._token, reason, values))
             self._token = 0
-
-
-def _supply_V(measured_V: float, drive: MotorDrive) -> float:
-    """The motor's supply, for the whole grasp, as its last digit flickers; of one that has not told it, its law's."""
-    return measured_V if measured_V > 0.5 * drive.voltage_V else drive.voltage_V
 
 
 def _sign(rate: float) -> float:

@@ -182,7 +182,7 @@ class MotionIndex:
         # of the stretch that is not expected a part is taken off: by the load that the table has at the index so found
         taken_off = 1.0 + compliance_m_per_N * self._table.at_excursion(0.0, 0.0).mean_tension_slope
         stretch_m_per_N = settings.stiffness_deviation * compliance_m_per_N / taken_off
-        link_N_per_m = 0.5 * sum(self._table.free_slope_N_per_m) * taken_off
+        link_N_per_m = -0.5 * sum(self._table.free_slope_N_per_m) * taken_off
         noise_N = settings.noise_N
         trusts = {
             CompensationIndex.LOAD: LoadTrust(_ANY_CONTACT_M, _ANY_STRETCH_M_PER_N, 0.0, 0.0, noise_N, link_N_per_m),

@@ -15,12 +15,13 @@ from controller.cycle.arm_motion import ArmMotion, ArmMotionLimits
 from controller.cycle.compensation import OffsetLimits, OffsetSmoother, WristOffset
 from controller.cycle.contact_search import SearchSettings
 from controller.cycle.cycle import CycleSettings, Parts
-from controller.cycle.grasping import Grasping, GraspSettings, MotorDrive
+from controller.cycle.grasping import Grasping, GraspSettings
 from controller.cycle.inverse_kinematics import DifferentialInverseKinematics
 from controller.cycle.joint_bounds import JointLimits
 from controller.cycle.joint_control import JointControl
 from controller.cycle.joint_gains import TorqueLimits, preset_gains
 from controller.cycle.motion_index import IndexSettings
+from controller.cycle.motor_drive import MotorDrive
 from controller.cycle.orders import Orders
 from controller.cycle.safety import SafetyLimits, SafetyMonitor
 from controller.cycle.soft_limits import SoftLimits

@@ -81,8 +81,9 @@ def test_the_arm_does_not_follow_where_no_object_is(later_m: float | None) -> No
     grasping, farthest_m = closing.grasping, 0.0
     while grasping.phase is GraspPhase.CLOSING and not grasping.outcomes:
         closing.turn()
-        x_m, y_m, _ = grasping.offset_target.pose
-        farthest_m = max(farthest_m, (x_m**2 + y_m**2) ** 0.5)
+        if grasping.phase is GraspPhase.CLOSING:
+            x_m, y_m, _ = grasping.offset_target.pose
+            farthest_m = max(farthest_m, (x_m**2 + y_m**2) ** 0.5)
     assert grasping.table is not None
     _, ahead_m, _ = grasping.table.at_excursion(3.5e-4, 0.0).pose
     _, start_m, _ = grasping.table.contact_pose
@@ -93,3 +94,19 @@ def test_the_arm_does_not_follow_where_no_object_is(later_m: float | None) -> No
         assert grasping.phase is GraspPhase.CONTACT
     else:
         assert [outcome.reason for outcome in grasping.outcomes] == [Reason.NO_CONTACT]
+
+
+@pytest.mark.parametrize("later_m", [1.5e-4, 6e-4])
+def test_what_the_arm_moved_before_the_touch_is_not_taken_back(later_m: float) -> None:
+    """Contact comes late, the arm has begun to move: going back would carry the object along, which is gripped now."""
+    closing = Closing(0.010, later_m)
+    grasping = closing.grasping
+    ahead_m = 0.0
+    while grasping.phase is GraspPhase.CLOSING:
+        before_m = ahead_m
+        closing.turn()
+        ahead_m = grasping.offset_target.pose[1]
+        assert ahead_m >= before_m - 1e-5
+    for _ in range(100):
+        closing.turn()
+        assert grasping.offset_target.pose[1] >= before_m - 5e-5
