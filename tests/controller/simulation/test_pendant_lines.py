@@ -26,12 +26,12 @@ def test_words_come_a_line_and_others_are_told() -> None:
 
 
 def test_a_fault_is_passed_on_as_it_is() -> None:
-    """What goes wrong with arm or motors is typed beside the buttons; whether it makes sense is theirs to say."""
+    """What goes wrong with arm, motors or pads is typed beside the buttons; whether it makes sense is theirs to say."""
     told: list[str] = []
     reading, writing = os.pipe()
     pendant = PendantLines(reading, told.append)
-    os.write(writing, b' {"action": {"kind": "Unplug"}} \nidle\nmotors {"at_s": 1}\n')
-    assert pendant.read() == ['{"action": {"kind": "Unplug"}}', "idle", 'motors {"at_s": 1}']
+    os.write(writing, b' {"action": {"kind": "Unplug"}} \nidle\nmotors {"at_s": 1}\npads {}\n')
+    assert pendant.read() == ['{"action": {"kind": "Unplug"}}', "idle", 'motors {"at_s": 1}', "pads {}"]
     assert told == []
     os.close(writing)
     os.close(reading)
