@@ -19,6 +19,8 @@ from drivers.dynamixel.tendons import TendonPair
 from drivers.errors import DeviceError, InputError
 from drivers.simulated.dynamixel import SimulatedMotors, SimulatedMotorSettings
 from drivers.simulated.dynamixel_electrics import electrics_of
+from drivers.simulated.faults import Fault
+from drivers.simulated.serial_fault_actions import Drop, SerialAction
 from drivers.simulated.serial_lines import MemoryLine
 from drivers.simulated.spring_tendons import SpringTendons
 
@@ -196,6 +198,24 @@ def test_a_restarted_motor_is_told_and_restored_on_demand(model: MotorModel) -> 
     assert (sample.torque_on, sample.restarted) == ((True, True), (False, False))
     rig.wind(0.008)
     assert rig.true_m == pytest.approx([0.008, 0.008], abs=1.5e-3)
+
+
+@EVERY
+def test_a_lost_goal_is_sent_again(model: MotorModel) -> None:
+    """Nobody acknowledges a sync write: both, goals and ceilings, are lost here, and nothing changes afterwards."""
+    rig = Rig(model)
+    rig.pair.start()
+    rig.wind(0.004)
+    before = [motor.value("goal_position") for motor in rig.motors.motors]
+    lost = Fault[SerialAction](action=Drop(sender="host", request="sync_write"), for_frames=2)
+    rig.motors.faults.add(lost, rig.clock.now_ns())
+    rig.pair.set_excursion(0.005, 0.005, (50.0, 50.0))
+    rig.run(0.005)
+    assert rig.motors.faults.struck == 2
+    assert [motor.value("goal_position") for motor in rig.motors.motors] == before
+    rig.run(0.2)
+    wanted = [settings.ticks(0.005, model) for settings in rig.settings]
+    assert [motor.value("goal_position") for motor in rig.motors.motors] == wanted
 
 
 @pytest.mark.parametrize("model", [XM430_W350, MX_28], ids=lambda model: model.name)
