@@ -15,12 +15,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from controller.config import Tactile
-from controller.pad_messages import PadOrder, PadReport
-from controller.service.links import LatestReader, LatestSender, VirtualLink
-from controller.service.tactile import TactilePart
-from drivers.clock import VirtualClock, nanoseconds, seconds
+from controller.pad_messages import PadReport
+from drivers.clock import nanoseconds, seconds
 from drivers.simulated.faults import Fault
-from drivers.simulated.takktile import SimulatedTakktile, two_fingers
+from drivers.simulated.takktile import SimulatedTakktile, two_fingers, uneven
 from drivers.simulated.takktile_fault_actions import (
     Dead,
     Garbage,
@@ -36,9 +34,7 @@ from drivers.simulated.takktile_fault_actions import (
     Unplug,
     Warmth,
 )
-from drivers.simulated.takktile_lines import MemoryTransport
-from drivers.takktile.calibration import nominal
-from drivers.takktile.touch import TouchSettings
+from tests.controller.service.tactile_rig import PartRig, nominal_pads
 from tests.system.fault_page import written
 from tests.system.pad_calibration import calibrated
 
@@ -85,39 +81,25 @@ class Outcome(NamedTuple):
 
 def outcome(row: Row) -> Outcome:
     """One fault, begun at 3 s and over 6 s later."""
-    clock, force_N = VirtualClock(), [0.0, 0.0]
-    device = SimulatedTakktile(lambda: force_N)
-    orders, cycle, front = (VirtualLink(clock, clock) for _ in range(3))
-    pads = tuple(nominal([cell.cell for cell in two_fingers() if cell.finger == finger]) for finger in (0, 1))
-    part = TactilePart(
-        clock,
-        lambda: MemoryTransport(device, clock),
-        (pads[0], pads[1]),
-        LatestReader(orders),
-        LatestSender(cycle),
-        LatestSender(front),
-        period_s=0.008,
-        touch=TouchSettings(),
-    )
-    part.start()
-    sender, reports = LatestSender(orders), LatestReader(front)
-    sender.send(PadOrder(True, 1).pack(), 0)
+    force_N = [0.0, 0.0]
+    rig = PartRig(SimulatedTakktile(lambda: force_N), nominal_pads())
+    rig.order(True, 1)
     told: list[tuple[float, int, float]] = []
     scripted = False
-    while clock.now_ns() < nanoseconds(FAULT_S + LASTS_S + 6.0):
-        part.step()
-        cycle.take()
-        for payload, sample_ns in reports.new_values():
+    while rig.clock.now_ns() < nanoseconds(FAULT_S + LASTS_S + 6.0):
+        rig.part.step()
+        rig.states.new_values()
+        for payload, sample_ns in rig.reports.new_values():
             state = PadReport.unpack(payload).state
             told.append((seconds(sample_ns), state.valid_cells[0], state.force_N[0]))
-        if clock.now_ns() > nanoseconds(1.0) and not force_N[0]:
+        if rig.clock.now_ns() > nanoseconds(1.0) and not force_N[0]:
             force_N[:] = (HELD_N, HELD_N)
-            sender.send(PadOrder(False, 1).pack(), clock.now_ns())
-        if clock.now_ns() > nanoseconds(2.0) and not scripted:
+            rig.order(False, 1)
+        if rig.clock.now_ns() > nanoseconds(2.0) and not scripted:
             scripted = True
-            at_s = FAULT_S - seconds(clock.now_ns())
+            at_s = FAULT_S - seconds(rig.clock.now_ns())
             fault = Fault(action=row.action, at_s=at_s, for_s=LASTS_S, chance=row.chance)
-            device.add_fault(fault, clock.now_ns())
+            rig.device.add_fault(fault, rig.clock.now_ns())
     return _judged(told)
 
 
@@ -148,8 +130,6 @@ def fault_table() -> str:
 
 def calibration_lines() -> str:
     """What a calibration of uneven cells is worth."""
-    from drivers.simulated.takktile import uneven
-
     left = tuple((row + 2, column) for row, column in _CELLS)
     tactile = Tactile(interface="socket", channel="memory", right_cells=_CELLS, left_cells=left)
     with tempfile.TemporaryDirectory() as directory:
@@ -157,8 +137,8 @@ def calibration_lines() -> str:
         fits = calibrated(tactile, device, Path(directory, "tactile.toml"))
     worst = max(found.relative_residual for found in fits)
     return (
-        f"Calibrated with weights as above, simulated pads whose cells differ by ±20 % have a held-out residual of "
-        f"{worst:.1%} of the largest load."
+        f"Calibrated with weights as above, simulated pads whose cells differ by ±20 % have a held-out residual of\n"
+        f"{worst * 100.0:.1f} % of the largest load."
     )
 
 

@@ -7,52 +7,26 @@ from typing import Any
 
 import pytest
 
-from controller.pad_messages import NOTHING_KNOWN, PadOrder, PadReport, PadState
-from controller.service.links import LatestReader, LatestSender, VirtualLink
-from controller.service.tactile import TactilePart
-from drivers.clock import VirtualClock, nanoseconds, seconds
+from controller.pad_messages import NOTHING_KNOWN, PadReport, PadState
+from drivers.clock import nanoseconds, seconds
 from drivers.errors import BusError
 from drivers.simulated.faults import Fault
 from drivers.simulated.takktile import TYPICAL_COEFFICIENTS, SimulatedCell, SimulatedTakktile, two_fingers
 from drivers.simulated.takktile_fault_actions import Dead, MoreCells, Silence, Truncate, Unplug
-from drivers.simulated.takktile_lines import MemoryTransport
-from drivers.takktile.calibration import nominal
 from drivers.takktile.quality import CellQuality
-from drivers.takktile.touch import TouchSettings
+from tests.controller.service.tactile_rig import PartRig, nominal_pads
 
 
-class Rig:
-    """A part with its bridge and the other ends of its links."""
+class Rig(PartRig):
+    """A part whose fingers' forces a test sets."""
 
     def __init__(self, calibrated: bool = False, **device: Any) -> None:
         self.force_N = [0.0, 0.0]
-        self.said: list[str] = []
-        self.clock = VirtualClock()
-        self.device = SimulatedTakktile(lambda: self.force_N, **device)
-        orders = VirtualLink(self.clock, self.clock)
-        states = [VirtualLink(self.clock, self.clock, capacity=1000) for _ in range(2)]
-        self.orders = LatestSender(orders)
-        self.states, self.reports = (LatestReader(link) for link in states)
-        maps = [[cell.cell for cell in two_fingers() if cell.finger == finger] for finger in (0, 1)]
-        right, left = (nominal(places) for places in maps)
+        right, left = nominal_pads()
         if calibrated:
             chips = (TYPICAL_COEFFICIENTS.hex(),) * 8
             right, left = replace(right, coefficients=chips), replace(left, coefficients=chips)
-        self.part = TactilePart(
-            self.clock,
-            lambda: MemoryTransport(self.device, self.clock),
-            (right, left),
-            LatestReader(orders),
-            LatestSender(states[0]),
-            LatestSender(states[1]),
-            period_s=0.008,
-            touch=TouchSettings(),
-            say=self.said.append,
-        )
-        self.part.start()
-
-    def order(self, free: bool, tare: int) -> None:
-        self.orders.send(PadOrder(free, tare).pack(), self.clock.now_ns())
+        super().__init__(SimulatedTakktile(lambda: self.force_N, **device), (right, left))
 
     def run(self, duration_s: float) -> PadState:
         """The newest state after a time: both readers, cycle and front, hear the same."""

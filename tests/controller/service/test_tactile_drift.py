@@ -8,16 +8,14 @@ import numpy as np
 
 from calibration.tactile import fit_thermal
 from controller.config import Tactile
-from controller.pad_messages import PadOrder, PadState
-from controller.service.links import LatestReader, LatestSender, VirtualLink
-from controller.service.tactile import TactilePart
+from controller.pad_messages import PadState
 from controller.tactile_command import PadMeter
 from drivers.clock import VirtualClock, nanoseconds
 from drivers.simulated.takktile import SimulatedCell, SimulatedTakktile, two_fingers
 from drivers.simulated.takktile_lines import MemoryTransport
 from drivers.takktile.bridge import Bridge
-from drivers.takktile.calibration import PadCalibration, nominal
-from drivers.takktile.touch import TouchSettings
+from drivers.takktile.calibration import PadCalibration
+from tests.controller.service.tactile_rig import PartRig, nominal_pads
 
 WARMING_K, TEN_MINUTES_S = 6.0, 600.0
 SLOW_S, METER_S = 0.25, 0.05
@@ -35,10 +33,6 @@ def places(finger: int) -> tuple[SimulatedCell, ...]:
     return tuple(cell for cell in CELLS if cell.finger == finger)
 
 
-def plain() -> tuple[PadCalibration, PadCalibration]:
-    return nominal([cell.cell for cell in places(0)]), nominal([cell.cell for cell in places(1)])
-
-
 def warm_up(finger: int, side: str) -> tuple[float, ...]:
     """Thermal coefficients as `calibrate tactile --warm-up` finds them: a free pad that warms by 2 °C."""
     clock = VirtualClock()
@@ -52,33 +46,20 @@ def warm_up(finger: int, side: str) -> tuple[float, ...]:
 
 def states(pads: tuple[PadCalibration, PadCalibration], *, gripping: bool) -> list[PadState]:
     """Every second's state of ten minutes, after a zero; `gripping`: under a constant force, the fingers not free."""
-    clock, force_N = VirtualClock(), [0.0, 0.0]
-    device = SimulatedTakktile(lambda: force_N, CELLS, temperature_C=warming)
-    orders, cycle, front = (VirtualLink(clock, clock) for _ in range(3))
-    reader, sender = LatestReader(cycle), LatestSender(orders)
-    part = TactilePart(
-        clock,
-        lambda: MemoryTransport(device, clock),
-        pads,
-        LatestReader(orders),
-        LatestSender(cycle),
-        LatestSender(front),
-        period_s=SLOW_S,
-        touch=TouchSettings(),
-    )
-    part.start()
-    sender.send(PadOrder(True, 1).pack(), 0)
+    force_N = [0.0, 0.0]
+    rig = PartRig(SimulatedTakktile(lambda: force_N, CELLS, temperature_C=warming), pads, SLOW_S)
+    rig.order(True, 1)
     told = []
     next_ns = nanoseconds(20.0)
-    while clock.now_ns() < nanoseconds(TEN_MINUTES_S + 60.0):
-        if gripping and clock.now_ns() > nanoseconds(19.0):
-            sender.send(PadOrder(False, 1).pack(), clock.now_ns())
+    while rig.clock.now_ns() < nanoseconds(TEN_MINUTES_S + 60.0):
+        if gripping and rig.clock.now_ns() > nanoseconds(19.0):
+            rig.order(False, 1)
             force_N[:] = HELD_N
-        part.step()
-        front.take()
-        if clock.now_ns() >= next_ns:
+        rig.part.step()
+        rig.reports.new_values()
+        if rig.clock.now_ns() >= next_ns:
             next_ns += nanoseconds(1.0)
-            newest = reader.newest()
+            newest = rig.states.newest()
             assert newest is not None
             told.append(PadState.unpack(newest[0]))
     return told
@@ -86,7 +67,7 @@ def states(pads: tuple[PadCalibration, PadCalibration], *, gripping: bool) -> li
 
 def test_an_open_hand_that_warms_touches_nothing() -> None:
     """Uncalibrated: the zero follows, so that ten minutes of warming are neither contact nor force."""
-    told = states(plain(), gripping=False)
+    told = states(nominal_pads(), gripping=False)
     assert not any(any(state.touching) for state in told)
     minutes = np.array([state.force_N for state in told])[: 60 * (len(told) // 60)].reshape(-1, 60, 2)
     assert np.abs(minutes.mean(axis=1)).max() < 0.05
@@ -95,7 +76,7 @@ def test_an_open_hand_that_warms_touches_nothing() -> None:
 def test_a_force_that_is_held_stays_what_it_is() -> None:
     """Gripping, with the thermal coefficients of a warm-up: within 0.15 N through 6 °C, of which rubber and gas alone
     would make more than 0.3 N of the right finger and more than 0.6 N of the left."""
-    right, left = plain()
+    right, left = nominal_pads()
     right = replace(right, thermal_counts=warm_up(0, "right"))
     left = replace(left, thermal_counts=warm_up(1, "left"))
     told = np.array([state.force_N for state in states((right, left), gripping=True)])
