@@ -17,8 +17,8 @@ demo: setup
 	$(BIN)/stillgrasp demo $(ARGS)
 
 # Tests in real time run by themselves: beside others they would measure the machine's load.
-REAL_TIME := tests/system/test_daemon.py tests/system/test_simulate.py tests/system/test_wam_faults_daemon.py \
-	tests/system/test_tactile_daemon.py
+REAL_TIME := $(wildcard tests/system/test_*daemon*.py) tests/system/test_simulate.py \
+	tests/system/test_motor_load_calibration.py
 
 test: check
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(addprefix --ignore=,$(REAL_TIME)) $(ARGS)
@@ -35,6 +35,8 @@ bench: setup
 	$(BIN)/python -m benchmarks.bench_tables
 	$(BIN)/python -m benchmarks.bench_can
 	$(BIN)/python -m benchmarks.bench_motors
+	$(BIN)/python -m benchmarks.bench_motor_bus
+	$(BIN)/python -m benchmarks.bench_tactile
 
 setup: $(STAMP)
 
