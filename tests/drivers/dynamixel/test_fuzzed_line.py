@@ -22,7 +22,7 @@ from tests.drivers.simulated.motor_bench import Bench
 SET_POINT = TendonSetPoint((0.0, 0.0), (20.0, 20.0))
 NOISE = st.lists(st.binary(max_size=60), min_size=1, max_size=12)
 HEADERS = [b"\xff\xff\xfd\x00", b"\xff\xff\xfd\x00\x01\x0e\x00\x55", b"\xff\xff", b"\xff\xff\x01\x0a\x00", b""]
-QUICK = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+QUICK = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 class PairRig:

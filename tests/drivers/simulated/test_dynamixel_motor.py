@@ -232,7 +232,7 @@ def test_a_hot_motor_lets_go(model: MotorModel) -> None:
         assert stalled_s < 120.0
     expected_s, _ = quad(lambda x: 400.0 / (312.5 / (1 + 0.0039 * x) ** 2 - x), 0.0, 51.0)
     assert stalled_s == pytest.approx(expected_s, rel=0.02)
-    assert bench.read(1, "present_temperature") == 81
+    assert bench.read(1, "present_temperature") in (80, 81)  # it cools at once
     told = bench.ask(1, 0x01)[8] & 0x80 if model.protocol == 2 else bench.ask(1, 0x01)[4] & 0x04
     assert told
     assert bench.read(1, "torque_enable" if model.protocol == 2 else "torque_limit") == 0
