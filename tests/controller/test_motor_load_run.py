@@ -75,8 +75,8 @@ class Rig:
             start_m=0.0,
             scale=scale,
             tensions_N=() if scale else [GRAVITY_M_S2 * mass_kg for mass_kg in masses_kg],
-            stroke_m=None if scale else 0.006,
-            speeds_m_s=(0.006,) if scale else (),
+            stroke_m=None if scale else 0.005,
+            speeds_m_s=(0.006,) if scale else (0.005,) if self.model.effort == "current" else (0.004, 0.008),
             up_only=True,
         )
         run = LoadRun(self.pair, self.clock, self.settings, 0, plan, 0.010)
@@ -150,7 +150,7 @@ def test_a_weight_that_comes_off_within_a_stroke_is_noticed() -> None:
     rig = Rig(XM430_W350)
     run, plan = rig.run()
     rig.hang(run, 5.0)
-    rig.clock.at[rig.clock.now_ns() + 1_900_000_000] = lambda: rig.weights.hang(0, 0.0)
+    rig.clock.at[rig.clock.now_ns() + 1_300_000_000] = lambda: rig.weights.hang(0, 0.0)
     with pytest.raises(InputError, match=r"the load changed by \d+\.\d N within the stroke"):
         run.weigh(plan.steps_N[-1], "step 3")
 
