@@ -91,7 +91,12 @@ class TactilePart:
 
     def _open(self) -> None:
         """A bridge that samples, and its pads, with the zeros that they had before."""
-        bridge = Bridge(self._open_transport(), self._clock)
+        transport = self._open_transport()
+        try:
+            bridge = Bridge(transport, self._clock)
+        except StillgraspError:
+            transport.close()  # who looks for it again and again must not keep what was half opened
+            raise
         try:
             dead = check_cells(self._calibrations, bridge.cells, bridge.coefficient_bytes)
             pads = Pads(self._calibrations, bridge.cells, bridge.coefficients)

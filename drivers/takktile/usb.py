@@ -47,7 +47,11 @@ class UsbTransport:
         self._timeout: type[OSError] = core.USBTimeoutError
         self._dispose: Callable[[UsbDevice], None] = _pyusb("usb.util").dispose_resources
         self._device = self._find(core, serial)
-        self._call(self._device.set_configuration)
+        try:
+            self._call(self._device.set_configuration)
+        except DeviceError:
+            self.close()
+            raise
 
     def request(self, request: int, value: int, index: int, length: int) -> bytes:
         device = self._device

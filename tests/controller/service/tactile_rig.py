@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from controller.pad_messages import PadOrder
 from controller.service.links import LatestReader, LatestSender, VirtualLink
 from controller.service.tactile import TactilePart
@@ -10,6 +12,7 @@ from drivers.simulated.takktile import SimulatedTakktile, two_fingers
 from drivers.simulated.takktile_lines import MemoryTransport
 from drivers.takktile.calibration import PadCalibration, nominal
 from drivers.takktile.touch import TouchSettings
+from drivers.takktile.transport import BridgeTransport
 
 _WAITING = 1000
 
@@ -29,11 +32,12 @@ class PartRig:
         self.device = device
         self.clock = VirtualClock()
         self.said: list[str] = []
+        self.new_transport: Callable[[], BridgeTransport] = lambda: MemoryTransport(self.device, self.clock)
         orders, cycle, front = (VirtualLink(self.clock, self.clock, capacity=_WAITING) for _ in range(3))
         self.orders, self.states, self.reports = LatestSender(orders), LatestReader(cycle), LatestReader(front)
         self.part = TactilePart(
             self.clock,
-            lambda: MemoryTransport(self.device, self.clock),
+            lambda: self.new_transport(),
             pads,
             LatestReader(orders),
             LatestSender(cycle),

@@ -8,11 +8,13 @@ from typing import Any
 import pytest
 
 from controller.pad_messages import NOTHING_KNOWN, PadReport, PadState
-from drivers.clock import nanoseconds, seconds
+from drivers.clock import VirtualClock, nanoseconds, seconds
 from drivers.errors import BusError
 from drivers.simulated.faults import Fault
 from drivers.simulated.takktile import TYPICAL_COEFFICIENTS, SimulatedCell, SimulatedTakktile, two_fingers
 from drivers.simulated.takktile_fault_actions import Dead, MoreCells, Silence, Truncate, Unplug
+from drivers.simulated.takktile_lines import MemoryTransport
+from drivers.takktile.frames import Request
 from drivers.takktile.quality import CellQuality
 from tests.controller.service.tactile_rig import PartRig, nominal_pads
 
@@ -176,3 +178,31 @@ def test_dead_cells_and_missing_calibration_are_told_once() -> None:
     rig = Rig(cells=two_fingers()[1:])
     assert any("0:0 are dead" in line for line in rig.said)
     assert any("not calibrated" in line for line in rig.said)
+
+
+def test_what_was_half_opened_is_closed() -> None:
+    """A bridge that is back but answers nonsense: each attempt lets go of it, and the next begins anew."""
+    opened: list[_Closing] = []
+    rig = Rig().ready()
+    rig.device.unplugged = True
+    rig.run(0.1)
+    rig.device.unplugged = False
+    rig.new_transport = lambda: _Closing(rig.device, rig.clock, opened)
+    rig.run(2.0)
+    assert len(opened) >= 3
+    assert all(transport.closed == 1 for transport in opened)
+
+
+class _Closing(MemoryTransport):
+    """Answers nothing to a scan; notes itself among the opened, and how often it was closed."""
+
+    def __init__(self, device: SimulatedTakktile, clock: VirtualClock, opened: list[_Closing]) -> None:
+        super().__init__(device, clock)
+        self.closed = 0
+        opened.append(self)
+
+    def request(self, request: int, value: int, index: int, length: int) -> bytes:
+        return b"" if request == Request.SCAN else super().request(request, value, index, length)
+
+    def close(self) -> None:
+        self.closed += 1

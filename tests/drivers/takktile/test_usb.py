@@ -229,3 +229,24 @@ def test_unplugging_and_refusals_are_told(backend: Backend) -> None:
     backend.bridges["right-hand"].unplugged = True
     with pytest.raises(BusError, match="No such device"):
         transport.read_frame(nanoseconds(0.01))
+
+
+def test_a_bridge_that_is_plugged_in_again_is_opened_anew(backend: Backend) -> None:
+    """The part that lost it finds it by the same name; what was half opened meanwhile was let go of each time."""
+    clock = VirtualClock()
+    simulated = backend.bridges["right-hand"]
+    bridge = Bridge(UsbTransport("right-hand", clock), clock)
+    bridge.start(0.008)
+    simulated.unplugged = True
+    with pytest.raises(BusError):
+        bridge.read(clock.now_ns() + nanoseconds(0.1))
+    bridge.close()
+    for _ in range(3):
+        with pytest.raises(BusError):
+            UsbTransport("right-hand", clock)
+    simulated.unplugged = False
+    again = Bridge(UsbTransport("right-hand", clock), clock)
+    again.start(0.008)
+    assert again.read(clock.now_ns() + nanoseconds(0.1)) is not None
+    again.close()
+    assert backend.closed == 5
