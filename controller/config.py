@@ -197,12 +197,13 @@ class Cycle(_Table, frozen=True):
 
 
 class Compensation(_Table, frozen=True):
-    """Which index drives the compensation, and the limits of the wrist's offset. `tendon_stiffness_uncertainty`:
+    """Which index drives the compensation, and the limits of the wrist's offset. `index`: "auto" is fused, or excursion
+    where the hand file has tendons that do not stretch. `tendon_stiffness_uncertainty`:
     relative standard deviation of the hand file's tendon stiffness; a braided line's is known to 30 %, unless measured.
     """
 
     enabled: bool
-    index: Literal["load", "excursion", "fused"]
+    index: Literal["auto", "load", "excursion", "fused"]
     max_offset_m: Annotated[float, Meta(gt=0, le=0.5)]
     max_offset_rad: Annotated[float, Meta(gt=0, le=3.2)]
     velocity_m_s: Annotated[float, Meta(gt=0, le=1)]

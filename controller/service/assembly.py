@@ -46,8 +46,10 @@ INDEX_NAMES = {
 
 CONTACT_DEVIATION_M = 5e-5
 """Standard deviation of the contact that is found, beside the motor's tick."""
-ONSET_DEVIATION_N = 1.0
-"""Of the load that is taken for contact's, beside what the motor's tick is worth."""
+ONSET_DEVIATION_N = 1.5
+"""Of the load that is taken for contact's, beside what the motor's tick is worth: a support's drag comes and goes."""
+LEAST_NOISE_N = 1.0
+"""Of one sample of the load."""
 SPRINGS_DEVIATION = 0.1
 """Relative, of the finger springs' stiffness, as far as it is not yet in the load law's."""
 
@@ -131,7 +133,7 @@ def cycle_parts(config: RobotConfig, bus: CanBus, clock: Clock) -> Parts:
             winding=WindingLimits(FASTEST_CLOSING_M_S, squeeze.acceleration_m_s2, squeeze.jerk_m_s3),
         ),
     )
-    grasping.index_kind = INDEX_NAMES[compensation.index]
+    grasping.index_kind = INDEX_NAMES[index_name(config)]
     orders = Orders(motion, grasping)
     orders.compensation = compensation.enabled
     offset_limits = OffsetLimits(
@@ -167,6 +169,15 @@ def motor_drives(config: RobotConfig) -> tuple[MotorDrive, MotorDrive]:
     return _motor_drive(tendons, tendons.right), _motor_drive(tendons, tendons.left)
 
 
+def index_name(config: RobotConfig) -> str:
+    """The index that the installation goes by. "auto": fused, as no hand file knows its tendons' stiffness well; but
+    excursion with tendons that do not stretch, of which the load knows nothing better (docs/index.md)."""
+    if config.compensation.index != "auto":
+        return config.compensation.index
+    elastic = any(math.isfinite(finger.tendon_stiffness_N_per_m) for finger in configured_hand(config).fingers)
+    return "fused" if elastic else "excursion"
+
+
 def index_settings(config: RobotConfig) -> IndexSettings:
     """How far excursion and load of the configured motors are trusted: the worse of both counts."""
     tendons = config.tendons
@@ -182,7 +193,7 @@ def index_settings(config: RobotConfig) -> IndexSettings:
         stiffness_deviation=config.compensation.tendon_stiffness_uncertainty,
         scale_deviation=math.hypot(slope, SPRINGS_DEVIATION),
         onset_deviation_N=math.hypot(ONSET_DEVIATION_N, tick_N / math.sqrt(12.0)),
-        noise_N=max(tick_N, ONSET_DEVIATION_N),
+        noise_N=max(tick_N, LEAST_NOISE_N),
     )
 
 

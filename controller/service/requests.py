@@ -18,7 +18,7 @@ from calibration.motion_table import MotionTable
 from controller.config import RobotConfig
 from controller.messages import CommandKind
 from controller.service import commands as asked
-from controller.service.assembly import INDEX_NAMES, arm_parameters
+from controller.service.assembly import INDEX_NAMES, arm_parameters, index_name
 from controller.service.table_shelf import TableShelf, excursion_at_load
 from drivers.errors import CommandError
 
@@ -51,7 +51,7 @@ class Planner:
         self._shelf = shelf
         self.table: MotionTable | None = None
         self.table_name = ""
-        self.compensation_index = config.compensation.index
+        self.compensation_index = index_name(config)
         self._makers: Mapping[type[asked.Command], Callable[[Any], Plan]] = {
             asked.Stop: lambda _: _one(CommandKind.STOP),
             asked.FaultClear: lambda _: _one(CommandKind.FAULT_CLEAR),

@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 from controller.config import RobotConfig, load_config
-from controller.service.assembly import configured_hand
+from controller.service.assembly import configured_hand, index_name
 from controller.simulation.demo_cases import GraspCase, approach_joints, case_table, demo_cases, run_case
 from controller.simulation.demo_realtime import real_time_figures
 from controller.simulation.demo_report import CaseResult, Trace, Track, draw, trace
@@ -98,7 +98,7 @@ def run_virtual(plan: DemoPlan, directory: Path, say: Say, *, workers: int = 2) 
                 "object_xyz_m": list(case.object_xyz_m),
                 "object_yaw_rad": case.object_yaw_rad,
             }
-            default = index == plan.config.compensation.index
+            default = index == index_name(plan.config)
             compensated = traces[_Job(str(directory), case, index, True)]
             results.append(CaseResult(case.name, grasp, index, default, without, compensated))
     return results

@@ -21,6 +21,7 @@ import numpy as np
 from calibration.motion_table import MotionTable
 from controller.client import Client
 from controller.config import RobotConfig
+from controller.service.assembly import index_name
 from controller.simulation.demo_cases import GraspCase, approach_joints, command_grasp, table_name
 from drivers.errors import CommandError, DeviceError, StillgraspError
 
@@ -68,7 +69,7 @@ def run_in_real_time(
             say("real time: front, cycle, hand and world run as processes")
             with Client(endpoint, reply_timeout_s=5.0) as client:
                 _wait_until_active(client)
-                squeezed = command_grasp(client, case, joints, index=config.compensation.index, compensated=True)
+                squeezed = command_grasp(client, case, joints, index=index_name(config), compensated=True)
                 say(f"real time: squeezed, {_applied(squeezed)}")
         finally:
             _stop(daemon)

@@ -32,7 +32,7 @@ def test_the_default_installation_is_complete_and_its_hand_exists() -> None:
     hand = load_hand(config.hand.source, preset=config.hand.preset)
     assert hand.name == "T42PP"
     assert config.cycle.period_s == 0.002
-    assert config.compensation.index == "excursion"
+    assert config.compensation.index == "auto"
     assert "{" not in config.front.command_endpoint + config.tables.directory + config.arm.channel
 
 

@@ -14,7 +14,7 @@ import pinocchio
 import pytest
 
 from controller.config import RobotConfig
-from controller.service.assembly import configured_hand
+from controller.service.assembly import configured_hand, index_name
 from controller.simulation.demo_cases import GraspCase, run_case
 from controller.simulation.truth import WorldObserver, WorldTruth
 from controller.simulation.world import World
@@ -63,7 +63,7 @@ def grasp(config: RobotConfig) -> Grasp:
     def run(case: GraspCase, compensated: bool) -> Motion:
         if (case.name, compensated) not in done:
             watcher = Watcher(config)
-            index = config.compensation.index
+            index = index_name(config)
             squeezed = run_case(config, case, watcher, index=index, compensated=compensated)
             start = watcher.truths[0]
             assert not start.contact_force_N.any()

@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 
 from calibration.build import build_table
 from calibration.grasp.specification import GraspSpec
+from calibration.hand.parameters import DIRECTORY as HANDS
 from calibration.hand.parameters import load_hand
 from calibration.objects import load_object
 from controller.config import RobotConfig, load_config
 from controller.messages import CommandKind, CompensationIndex
 from controller.pose import Pose
+from controller.service.assembly import index_name
 from controller.service.commands import COMMANDS, make_command
 from controller.service.requests import Plan, Planner, Step, grasp_wrist_pose
 from controller.service.table_shelf import TableShelf
@@ -201,11 +203,21 @@ def test_a_wrist_pose_is_passed_on_normalised(planner: Planner) -> None:
 
 def test_compensation_names_become_numbers(planner: Planner) -> None:
     """Each index by its name; without a name the configured one."""
-    configured = CompensationIndex[load_config().compensation.index.upper()]
+    configured = CompensationIndex[index_name(load_config()).upper()]
     assert plan(planner, "compensation.set", enabled=True).steps[0].values == (1.0, float(configured))
     for index in CompensationIndex:
         made = plan(planner, "compensation.set", enabled=False, index=index.name.lower())
         assert list(made.steps) == [Step(CommandKind.SET_COMPENSATION, (0.0, float(index)))]
+
+
+def test_the_index_follows_the_tendons(tmp_path: Path) -> None:
+    """Tendons that stretch are known badly, so the load has a say; of stiff ones it knows nothing better."""
+    text = (HANDS / "t42pp.toml").read_text(encoding="utf-8")
+    elastic = tmp_path / "t42pp.toml"
+    elastic.write_text(text.replace("tendon_stiffness_N_per_m = inf", "tendon_stiffness_N_per_m = 4.5e4"), "utf-8")
+    assert index_name(load_config()) == "excursion"
+    assert index_name(load_config(overrides={"hand": {"file": str(elastic)}})) == "fused"
+    assert index_name(load_config(overrides={"compensation": {"index": "load"}})) == "load"
 
 
 def test_a_load_table_plan_carries_the_table(planner: Planner) -> None:
