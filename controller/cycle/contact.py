@@ -8,7 +8,8 @@ seen; it is dated back to the meeting.
 
 Contact during fast closing, or before the free line is known, is not the table's grasp: early. Where a tactile pad
 watches the finger, the pad says when it touches; the load then only says so where it rises far, for contact beside the
-pad. Source: design 4 "Contact"; load and its saw-tooth: dynamixel reference 2.4, 3.3.
+pad. All excursions here are the spool's. Source: design 4 "Contact"; load and its saw-tooth: dynamixel reference 2.4,
+3.3.
 """
 
 from __future__ import annotations
@@ -42,10 +43,10 @@ class ContactSettings:
 
 @dataclass(frozen=True)
 class FingerExpectation:
-    """What the motion table expects of one finger: finger-side excursion of first contact, the two slopes, and the step
+    """What the motion table expects of one finger, spool-side: excursion of first contact, the two slopes, and the step
     of load at contact, by which the support's drag begins."""
 
-    contact_excursion_m: float
+    contact_wound_m: float
     free_slope_N_per_m: float
     loaded_slope_N_per_m: float
     contact_step_N: float = 0.0
@@ -74,7 +75,7 @@ class FingerContact:
         self._excursions_m: list[float] = []
         self._residuals_N: list[float] = []
         self._fit: ContactFit | None = None
-        self._found_m = expected.contact_excursion_m
+        self._found_m = expected.contact_wound_m
         self.deviation_m = math.inf
         """Standard deviation of the contact that was found."""
         self.by_pad = False
@@ -82,14 +83,14 @@ class FingerContact:
         self.touch = Touch.FREE
 
     @property
-    def contact_excursion_m(self) -> float:
-        """Excursion of first contact, back-dated, m, as load or pad found it; the table's until contact was found."""
-        return self._found_m if self.touch is Touch.TOUCHING else self._expected.contact_excursion_m
+    def contact_wound_m(self) -> float:
+        """Spool's excursion at first contact, back-dated, m, as load or pad found it; the table's until then."""
+        return self._found_m if self.touch is Touch.TOUCHING else self._expected.contact_wound_m
 
     @property
     def onset_load_N(self) -> float:
         """Measured load at contact, N: on the free line, so with the same constant friction as all winding samples."""
-        return self._offset_N + self._expected.free_slope_N_per_m * self.contact_excursion_m
+        return self._offset_N + self._expected.free_slope_N_per_m * self.contact_wound_m
 
     @property
     def _offset_N(self) -> float:
@@ -98,29 +99,29 @@ class FingerContact:
         count = len(self._residuals_N)
         return sum(self._residuals_N) / count if count else 0.0
 
-    def take_pad(self, excursion_m: float) -> Touch:
-        """The finger's pad touches, and did so first at this finger-side excursion; returns what is known now."""
-        if self.touch is Touch.FREE and math.isfinite(excursion_m):
+    def take_pad(self, wound_m: float) -> Touch:
+        """The finger's pad touches, and did so first when this much was wound; returns what is known now."""
+        if self.touch is Touch.FREE and math.isfinite(wound_m):
             self.by_pad = True
-            self._settle_on(excursion_m, self._settings.pad_deviation_m)
+            self._settle_on(wound_m, self._settings.pad_deviation_m)
         return self.touch
 
-    def take(self, wound_m: float, excursion_m: float, load_N: float, *, slow: bool, padded: bool = False) -> Touch:
+    def take(self, wound_m: float, then_m: float, load_N: float, *, slow: bool, padded: bool = False) -> Touch:
         """One sample of a winding finger; returns what is known now.
 
-        `wound_m`: the spool's excursion, which goes from tick to tick; `excursion_m`: the finger's, at which the load
-        was `load_N`. `slow`: the finger winds at the constant slow rate of the search; before that only a large rise
-        counts, as early contact. `padded`: a pad watches the finger, so that again only a large rise counts. Samples
-        that are not finite are ignored.
+        `wound_m`: the spool's excursion now, which goes from tick to tick; `then_m`: the one at which the load was
+        `load_N`, as load is filtered. `slow`: the finger winds at the constant slow rate of the search; before that
+        only a large rise counts, as early contact. `padded`: a pad watches the finger, so that again only a large rise
+        counts. Samples that are not finite are ignored.
         """
-        finite = math.isfinite(wound_m) and math.isfinite(excursion_m) and math.isfinite(load_N)
+        finite = math.isfinite(wound_m) and math.isfinite(then_m) and math.isfinite(load_N)
         if self.touch is not Touch.FREE or not finite:
             return self.touch
-        residual_N = load_N - self._expected.free_slope_N_per_m * excursion_m
+        residual_N = load_N - self._expected.free_slope_N_per_m * then_m
         if slow and self._slow_from_m is None:
             self._slow_from_m = wound_m
         if self._slow_from_m is not None and wound_m - self._slow_from_m >= self._settings.settle_m:
-            if self._average(wound_m, excursion_m, residual_N):
+            if self._average(wound_m, then_m, residual_N):
                 self._judge(self._settings.window_m, padded=padded)
         elif self._rises_far(wound_m, residual_N):
             self.touch = Touch.EARLY
@@ -146,7 +147,7 @@ class FingerContact:
         self._above = self._above + 1 if above else 0
         return self._above >= settings.samples
 
-    def _average(self, wound_m: float, excursion_m: float, residual_N: float) -> bool:
+    def _average(self, wound_m: float, then_m: float, residual_N: float) -> bool:
         """Take a sample into the mean of its stretch; True when one has ended, with the first sample of the next."""
         ended = False
         if self._stretch_from_m is None:
@@ -157,7 +158,7 @@ class FingerContact:
             self._residuals_N.append(residuals_N / count)
             self._stretch_from_m, self._sums, ended = wound_m, (0.0, 0.0, 0), True
         excursions_m, residuals_N, count = self._sums
-        self._sums = (excursions_m + excursion_m, residuals_N + residual_N, count + 1)
+        self._sums = (excursions_m + then_m, residuals_N + residual_N, count + 1)
         return ended
 
     def _judge(self, window_m: float, *, padded: bool) -> None:
@@ -181,6 +182,6 @@ class FingerContact:
             self._settle_on(fit.contact_m, math.hypot(fit.deviation_m, settings.load_deviation_m))
 
     def _settle_on(self, found_m: float, deviation_m: float) -> None:
-        early = found_m < self._expected.contact_excursion_m - self._settings.gate_m
+        early = found_m < self._expected.contact_wound_m - self._settings.gate_m
         self._found_m, self.deviation_m = found_m, deviation_m
         self.touch = Touch.EARLY if early else Touch.TOUCHING

@@ -5,7 +5,7 @@ first and pushes the object before it, against the support's drag, until the oth
 So the motion table begins at the later of both contacts where they lie far apart, and at each finger's own where they
 do not. The table's own contacts count where what was found agrees with them: for mean and difference apart, as the
 object's first load is shared by chance between the fingers and makes one early and the other late. Excursions are
-finger-side, m; order right, left.
+finger-side where nothing else is said, m; order right, left.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ class ContactSearch:
         self._table = table
         self._pads = pads
         right, left = (expectation(table, finger) for finger in (0, 1))
+        self._expected_wound_m = right.contact_wound_m, left.contact_wound_m
         self.fingers = (FingerContact(settings.finger, right), FingerContact(settings.finger, left))
 
     @property
@@ -52,7 +53,10 @@ class ContactSearch:
         if self.outcome() is not Reason.NONE:
             return expected
         right, left = self.fingers
-        late_m = right.contact_excursion_m - expected[0], left.contact_excursion_m - expected[1]
+        late_m = (
+            right.contact_wound_m * (expected[0] / self._expected_wound_m[0]) - expected[0],
+            left.contact_wound_m * (expected[1] / self._expected_wound_m[1]) - expected[1],
+        )
         deviation_m = math.hypot(right.deviation_m, left.deviation_m)
         shared_m = 0.0 if right.by_pad and left.by_pad else settings.sharing_deviation_m
         mean_m = weighed_with_table(0.5 * (late_m[0] + late_m[1]), 0.5 * deviation_m, settings.trust)
@@ -98,14 +102,13 @@ class ContactSearch:
     def take(self, hand: HandState, sample_ns: int, now_ns: int, *, rate_m_s: float, slow: bool) -> Reason | None:
         """One sample of the hand, wound at the commanded `rate_m_s`; what it says (see `outcome`)."""
         for i, finger in enumerate(self.fingers):
-            wound_m, tension_N = hand.excursion_m[i], hand.tension_N[i]
-            excursion_m = wound_m - tension_N * self._table.compliance_m_per_N[i]
+            wound_m = hand.excursion_m[i]
             pad = None if self._pads is None else self._pads.finger(i, now_ns)
             if hand.rate_m_s[i] > self._settings.turning_rate_m_s:
-                then_m = excursion_m - self._settings.load_lag_s * hand.rate_m_s[i]
-                finger.take(wound_m, then_m, tension_N, slow=slow, padded=pad is not None)
+                then_m = wound_m - self._settings.load_lag_s * hand.rate_m_s[i]
+                finger.take(wound_m, then_m, hand.tension_N[i], slow=slow, padded=pad is not None)
             if pad is not None and pad.touching:
-                finger.take_pad(excursion_m - (sample_ns - pad.onset_ns) * 1e-9 * rate_m_s)
+                finger.take_pad(wound_m - (sample_ns - pad.onset_ns) * 1e-9 * rate_m_s)
         return self.outcome()
 
     def conclude(self, now_ns: int) -> Reason:
@@ -127,12 +130,18 @@ class ContactSearch:
 
 
 def expectation(table: PlanarTable, finger: int) -> FingerExpectation:
-    """What the table expects of one finger (0 right, 1 left)."""
+    """What the table expects of one finger (0 right, 1 left), on the spool's side of its tendon.
+
+    Up to contact the tendon carries the free load, which is in proportion to excursion, and so is the stretch that the
+    spool winds up besides: spool and finger side differ by a factor that no error of the motor's load law enters.
+    """
+    compliance, free = table.compliance_m_per_N[finger], table.free_slope_N_per_m[finger]
     near_N = table.at_excursion(0.0, 0.0).tension_N[finger]
     far_N = table.at_excursion(_LOADED_LINE_M, 0.0).tension_N[finger]
+    loaded = (far_N - near_N) / _LOADED_LINE_M
     return FingerExpectation(
-        table.contact_excursion_m[finger],
-        table.free_slope_N_per_m[finger],
-        (far_N - near_N) / _LOADED_LINE_M,
+        table.contact_excursion_m[finger] * (1.0 + free * compliance),
+        free / (1.0 + free * compliance),
+        loaded / (1.0 + loaded * compliance),
         near_N - table.contact_tension_N[finger],
     )

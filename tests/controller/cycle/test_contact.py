@@ -14,7 +14,7 @@ from controller.cycle.contact import ContactSettings, FingerContact, FingerExpec
 
 SETTINGS = ContactSettings()
 EXPECTED = FingerExpectation(
-    contact_excursion_m=0.012, free_slope_N_per_m=1900.0, loaded_slope_N_per_m=18000.0, contact_step_N=0.6
+    contact_wound_m=0.012, free_slope_N_per_m=1900.0, loaded_slope_N_per_m=18000.0, contact_step_N=0.6
 )
 TICK_M = 2 * math.pi / 4096 * 0.0105
 RX_TICK_M = math.radians(300.0) / 1024 * 0.0105
@@ -38,7 +38,7 @@ class Finger:
     def wind(self, search: FingerContact, end_m: float = SEARCH_END_M) -> float | None:
         """Feed the search; the true excursion at which it knew."""
         generator = np.random.default_rng(self.seed)
-        slow_from_m = EXPECTED.contact_excursion_m - SLOW_M
+        slow_from_m = EXPECTED.contact_wound_m - SLOW_M
         excursions_m = [*np.arange(0.0, slow_from_m, 5e-5), *np.arange(slow_from_m, end_m, 5e-6)]
         for excursion_m in excursions_m:
             load_N = EXPECTED.free_slope_N_per_m * excursion_m + self.friction_N
@@ -71,22 +71,22 @@ def test_contact_is_found_and_dated_back(
 ) -> None:
     """Wherever the object stands, however firm it is, with fine ticks and coarse ones: found to 0.1 mm soon after,
     never before; constant friction cancels."""
-    contact_m = EXPECTED.contact_excursion_m + later_m
+    contact_m = EXPECTED.contact_wound_m + later_m
     search = searching()
     known_m = Finger(contact_m, friction_N, seed, tick_m=tick_m, rise=rise).wind(search)
     assert search.touch is Touch.TOUCHING
     assert known_m is not None
     assert contact_m < known_m < contact_m + 4.5e-4
-    assert search.contact_excursion_m == pytest.approx(contact_m, abs=1e-4)
-    onset_N = EXPECTED.free_slope_N_per_m * search.contact_excursion_m + friction_N
+    assert search.contact_wound_m == pytest.approx(contact_m, abs=1e-4)
+    onset_N = EXPECTED.free_slope_N_per_m * search.contact_wound_m + friction_N
     assert search.onset_load_N == pytest.approx(onset_N, abs=1.0)
 
 
 def test_without_noise_the_two_lines_meet_in_the_contact() -> None:
     """Back-dating is the geometry of two lines: right to some micrometres where the samples lie on them."""
     search = searching()
-    Finger(EXPECTED.contact_excursion_m + 3e-4, noise=False).wind(search)
-    assert search.contact_excursion_m == pytest.approx(EXPECTED.contact_excursion_m + 3e-4, abs=1e-5)
+    Finger(EXPECTED.contact_wound_m + 3e-4, noise=False).wind(search)
+    assert search.contact_wound_m == pytest.approx(EXPECTED.contact_wound_m + 3e-4, abs=1e-5)
 
 
 @pytest.mark.parametrize("earlier_m", [0.001, 0.004])
@@ -95,11 +95,11 @@ def test_an_object_met_far_too_early_is_not_this_grasp(seed: int, earlier_m: flo
     """Another object, or a hand in the wrong place, is told from the object of the table: met while closing fast, or
     before the free line is known."""
     search = searching()
-    known_m = Finger(EXPECTED.contact_excursion_m - earlier_m, seed=seed).wind(search)
+    known_m = Finger(EXPECTED.contact_wound_m - earlier_m, seed=seed).wind(search)
     assert search.touch is Touch.EARLY
     assert known_m is not None
-    assert known_m < EXPECTED.contact_excursion_m - earlier_m + 1.5e-3
-    assert search.contact_excursion_m == EXPECTED.contact_excursion_m
+    assert known_m < EXPECTED.contact_wound_m - earlier_m + 1.5e-3
+    assert search.contact_wound_m == EXPECTED.contact_wound_m
 
 
 @pytest.mark.parametrize("tick_m", [TICK_M, RX_TICK_M])
@@ -109,7 +109,7 @@ def test_an_absent_object_is_not_found(seed: int, tick_m: float) -> None:
     search = searching()
     assert Finger(None, 6.0, seed, tick_m=tick_m).wind(search) is None
     assert search.conclude() is Touch.FREE
-    assert search.contact_excursion_m == EXPECTED.contact_excursion_m
+    assert search.contact_wound_m == EXPECTED.contact_wound_m
 
 
 def test_contact_just_before_winding_ends_is_found_at_the_end() -> None:
@@ -118,7 +118,7 @@ def test_contact_just_before_winding_ends_is_found_at_the_end() -> None:
     contact_m = SEARCH_END_M - 2e-4
     assert Finger(contact_m).wind(search) is None
     assert search.conclude() is Touch.TOUCHING
-    assert search.contact_excursion_m == pytest.approx(contact_m, abs=1e-4)
+    assert search.contact_wound_m == pytest.approx(contact_m, abs=1e-4)
 
 
 def test_shaken_load_while_closing_fast_is_no_contact() -> None:
@@ -138,22 +138,8 @@ def test_samples_that_are_not_finite_are_passed_over(excursion_m: float, load_N:
     assert search.take(excursion_m, excursion_m, load_N, slow=True) is Touch.FREE
     finger.wind(search)
     assert search.touch is Touch.TOUCHING
-    assert math.isfinite(search.contact_excursion_m)
+    assert math.isfinite(search.contact_wound_m)
     assert math.isfinite(search.onset_load_N)
-
-
-def test_a_tendon_that_stretches_is_read_on_the_fingers_side() -> None:
-    """Ticks are the spool's, contact is the finger's: both are told apart."""
-    contact_m, compliance_m_per_N = EXPECTED.contact_excursion_m + 3e-4, 1.0 / 4.5e4
-    search = searching()
-    for excursion_m in np.arange(0.0108, 0.0131, 5e-6).tolist():
-        slope = EXPECTED.loaded_slope_N_per_m - EXPECTED.free_slope_N_per_m
-        load_N = EXPECTED.free_slope_N_per_m * excursion_m
-        load_N += 0.0 if excursion_m < contact_m else EXPECTED.contact_step_N + slope * (excursion_m - contact_m)
-        wound_m = math.floor((excursion_m + load_N * compliance_m_per_N) / RX_TICK_M) * RX_TICK_M
-        search.take(wound_m, wound_m - load_N * compliance_m_per_N, load_N, slow=True)
-    assert search.touch is Touch.TOUCHING
-    assert search.contact_excursion_m == pytest.approx(contact_m - 0.5 * RX_TICK_M, abs=3e-5)
 
 
 def test_a_pad_says_where_contact_was() -> None:
@@ -161,11 +147,11 @@ def test_a_pad_says_where_contact_was() -> None:
     search = searching()
     Finger(None).wind(search, end_m=0.0116)
     assert search.take_pad(0.0116) is Touch.TOUCHING
-    assert search.contact_excursion_m == pytest.approx(0.0116, abs=5e-6)
-    known_m = search.contact_excursion_m
+    assert search.contact_wound_m == pytest.approx(0.0116, abs=5e-6)
+    known_m = search.contact_wound_m
     Finger(0.0119).wind(search)
     search.take_pad(0.0125)
-    assert search.contact_excursion_m == known_m
+    assert search.contact_wound_m == known_m
 
 
 def test_a_pad_overrides_the_load() -> None:
@@ -187,5 +173,5 @@ def test_a_pad_overrides_the_load() -> None:
 
 def test_a_pad_that_touches_far_before_the_object_is_early() -> None:
     """Something else is between the fingers, or the pad touched already when closing began."""
-    assert searching().take_pad(EXPECTED.contact_excursion_m - 1.1 * SETTINGS.gate_m) is Touch.EARLY
+    assert searching().take_pad(EXPECTED.contact_wound_m - 1.1 * SETTINGS.gate_m) is Touch.EARLY
     assert searching().take_pad(math.nan) is Touch.FREE

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 import pytest
 
 from calibration.build import build_table
 from calibration.grasp.specification import GraspSpec
 from calibration.hand.parameters import load_hand
+from calibration.motion_table import MotionTable
 from calibration.objects import load_object
 from controller.cycle.contact_search import ContactSearch, SearchSettings, expectation
 from controller.cycle.pads import PadWatch
@@ -88,7 +90,7 @@ def test_the_expectation_is_the_tables() -> None:
     """The loaded line begins above the free one by the support's drag, and rises more steeply."""
     wanted = expectation(TABLE, 0)
     gripped_N = TABLE.at_excursion(2e-4, 0.0).tension_N[0]
-    free_N = wanted.free_slope_N_per_m * wanted.contact_excursion_m
+    free_N = wanted.free_slope_N_per_m * wanted.contact_wound_m
     assert free_N + wanted.contact_step_N + 2e-4 * wanted.loaded_slope_N_per_m == pytest.approx(gripped_N)
     assert wanted.contact_step_N > 0.0
     assert wanted.loaded_slope_N_per_m > 3.0 * wanted.free_slope_N_per_m
@@ -103,6 +105,32 @@ def test_an_object_of_another_size_is_found_where_it_is(later_m: float) -> None:
     assert not search.off_centre
     assert search.gripped_m == search.found_m
     assert search.object_offset_m == 0.0
+
+
+@pytest.mark.parametrize("later_m", [-5e-4, 5e-4])
+def test_stretch_is_the_tables_whatever_the_motor_tells(later_m: float) -> None:
+    """Tendons that stretch, under a load law that is 20 % and 7 N off: the finger's excursion is still right, as the
+    stretch follows from the springs that the fingers close against."""
+    hand = {side: {**TABLE.table.header.hand[side], "tendon_stiffness_N_per_m": 4.5e4} for side in ("right", "left")}
+    header = msgspec.structs.replace(TABLE.table.header, hand={**TABLE.table.header.hand, **hand})
+    table = PlanarTable(MotionTable(header, TABLE.table.arrays))
+    search = ContactSearch(SearchSettings(load_lag_s=0.0), table, None)
+    contact_m, free = EXPECTED[0] + later_m, TABLE.free_slope_N_per_m[0]
+    near_N, far_N = (TABLE.at_excursion(along_m, 0.0).tension_N[0] for along_m in (0.0, 2e-4))
+    outcome = None
+    for step, finger_m in enumerate(np.arange(EXPECTED[0] - 1.2e-3, EXPECTED[0] + 1.1e-3, 5e-6).tolist()):
+        load_N = free * finger_m
+        if finger_m > contact_m:
+            step_N, rise = near_N - TABLE.contact_tension_N[0], (far_N - near_N) / 2e-4 - free
+            load_N += step_N + rise * (finger_m - contact_m)
+        wound_m = round((finger_m + load_N / 4.5e4) / TICK_M) * TICK_M
+        told_N = 1.2 * load_N + 7.0
+        state = HandState((wound_m, wound_m), (RATE_M_S, RATE_M_S), (told_N, told_N), (0.3, 0.3))
+        outcome = search.take(state, step * PERIOD_NS, step * PERIOD_NS, rate_m_s=RATE_M_S, slow=True)
+        if outcome is not None:
+            break
+    assert outcome is Reason.NONE
+    assert search.found_m == pytest.approx((contact_m, contact_m), abs=4e-5)
 
 
 def test_the_tables_own_contact_is_left_alone() -> None:
@@ -161,5 +189,5 @@ def test_the_pad_decides_for_its_finger() -> None:
     pads = Pads(EXPECTED[0] - 3e-4)
     search = searching(pads.watch)
     assert wind(search, late(0.0, 0.0), until_m=2e-4, pads=pads) is None
-    assert search.fingers[0].contact_excursion_m == pytest.approx(EXPECTED[0] - 3e-4, abs=2e-5)
+    assert search.fingers[0].contact_wound_m == pytest.approx(EXPECTED[0] - 3e-4, abs=2e-5)
     assert search.conclude(PERIOD_NS * 280) is Reason.ONE_SIDED_CONTACT

@@ -54,9 +54,9 @@ class Closing:
         for finger, at_m in enumerate(excursion_m):
             wanted = expectation(table, finger)
             load_N = wanted.free_slope_N_per_m * at_m
-            if self.later_m is not None and at_m > wanted.contact_excursion_m + self.later_m:
+            if self.later_m is not None and at_m > wanted.contact_wound_m + self.later_m:
                 rise = wanted.loaded_slope_N_per_m - wanted.free_slope_N_per_m
-                load_N += wanted.contact_step_N + rise * (at_m - wanted.contact_excursion_m - self.later_m)
+                load_N += wanted.contact_step_N + rise * (at_m - wanted.contact_wound_m - self.later_m)
             tension.append(load_N)
         return tension[0], tension[1]
 
