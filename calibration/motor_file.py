@@ -17,7 +17,7 @@ from msgspec import Meta
 
 from calibration.load_calibration import LoadCalibration, check_model_name
 from calibration.motor_setup import MotorSetup
-from calibration.toml_files import FieldError, read_toml
+from calibration.toml_files import FieldError, from_document, load_document, read_toml
 from drivers.dynamixel.control_tables import model_by_name
 from drivers.dynamixel.load_law import LoadLaw
 from drivers.wam.own_file import write_own_file
@@ -153,7 +153,10 @@ def write_load_laws(file: Path, measured: Mapping[str, MeasuredLaw]) -> None:
         changes |= {"model": one.calibrated.model, f"{side}_id": one.motor_id}
         changes |= {f"{side}_{key}": value for key, value in one.law_keys().items()}
         changes[f"{side}_{_CALIBRATED}"] = _present(one.calibrated)
-    write_own_file(file, changes, without=_all_law_keys((*measured, *others)), header=_HEADER)
+    without = _all_law_keys((*measured, *others))
+    kept = {key: value for key, value in (load_document(file) if file.exists() else {}).items() if key not in without}
+    from_document({**kept, **changes}, MotorFile, file)  # a law that no start would take is not written
+    write_own_file(file, changes, without=without, header=_HEADER)
 
 
 def _laws_by_id(file: MotorFile) -> dict[int, dict[str, object]]:

@@ -91,6 +91,16 @@ def test_another_motor_or_model_has_no_law(tmp_path: Path, motor_id: int, model:
     assert own.right_torque_constant_Nm_per_A is None
 
 
+def test_a_law_that_no_start_would_take_is_not_written(tmp_path: Path) -> None:
+    """The file that every later command reads must stay one that can be read."""
+    file = tmp_path / "motors.toml"
+    write_load_laws(file, {"right": measured(5)})
+    before = file.read_bytes()
+    with pytest.raises(ConfigurationError, match=r"left_friction_current_A = 2\.5"):
+        write_load_laws(file, {"left": measured(4, law=replace(LAW, friction_effort=2.5))})
+    assert file.read_bytes() == before
+
+
 @pytest.mark.parametrize(
     ("line", "told"),
     [
