@@ -100,6 +100,18 @@ def test_a_higher_supply_pulls_no_harder_than_the_cap(model: MotorModel, supply_
     assert 0.5 * 20.0 < rig.go(0.0, 0.020, 20.0, 300) < 20.0
 
 
+@pytest.mark.parametrize("model", [MX_28, XL430_W250, XM430_W350], ids=lambda model: model.name)
+def test_the_first_cap_is_that_of_the_supply(model: MotorModel) -> None:
+    """Before the first command: at 14.8 V the start cap is fewer counts of a load, and as many of a current."""
+    ceilings = []
+    for supply_V in (12.0, 14.8):
+        rig = Rig(model, supply_V)
+        rig.pair.start()
+        ceilings.append(rig.motors.motors[0].value(model.ceiling))
+    ratio = 1.0 if model.effort == "current" else 12.0 / 15.0  # rounded up to half volts
+    assert ceilings[1] == pytest.approx(ratio * ceilings[0], abs=1.0)
+
+
 def calibrated(model: MotorModel) -> LoadLaw:
     """What a good calibration of a simulated motor at 30 °C gives: its own numbers, and small uncertainties."""
     electrics = electrics_of(model)
