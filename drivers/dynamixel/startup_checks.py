@@ -28,7 +28,9 @@ ZERO_SLACK_M = 0.005
 """How far beyond its travel a spool may stand when it is found."""
 CURRENT_SUPPLY_TOLERANCE = 0.1
 LOAD_SUPPLY_TOLERANCE = 0.2
-"""Of a load law's supply. A load is scaled by the supply, so that it bears more than the little a current minds."""
+"""Of a load law's supply: a load is scaled by the supply, so that it bears more than a current does."""
+SUPPLY_NOISE = 0.03
+"""Of a model's range: a 12 V supply may give 12.3."""
 
 
 class Consequence(enum.Enum):
@@ -189,7 +191,7 @@ def check_calibration(settings: MotorSettings, model: MotorModel, firmware: int,
         text = f"has {supply_V:.1f} V; its load law was measured at {measured_V:.1f} V."
         findings.append(Finding(Consequence.WARNED, text, f"Tensions may be wrong. {again}"))
     lowest_V, highest_V = model.voltage_range_V
-    if not lowest_V <= round(supply_V, 1) <= highest_V:
+    if not (1.0 - SUPPLY_NOISE) * lowest_V <= supply_V <= (1.0 + SUPPLY_NOISE) * highest_V:
         text = f"has {supply_V:.1f} V; a {model.name} is made for {lowest_V:g} to {highest_V:g} V."
         findings.append(Finding(Consequence.WARNED, text, "Check its supply."))
     return findings
