@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from calibration.build import build_table
 from calibration.grasp.specification import GraspSpec
@@ -173,3 +176,56 @@ def test_before_contact_nothing_moves() -> None:
     for reading in grip.run(-1e-4, 0.3, stand_s=0.1):
         assert reading.motion.pose == pytest.approx(TABLE.contact_pose, abs=1e-12)
         assert reading.motion.rate == (0.0, 0.0, 0.0)
+
+
+def squeezed(kind: CompensationIndex) -> Grip:
+    """Squeezed, and come to rest."""
+    grip = Grip(kind, friction_N=6.0)
+    grip.touch()
+    for _ in grip.run(END_M, 1.2, stand_s=0.4):
+        pass
+    return grip
+
+
+SQUEEZED = {kind: squeezed(kind) for kind in (CompensationIndex.LOAD, CompensationIndex.FUSED)}
+
+
+@pytest.mark.parametrize("kind", SQUEEZED)
+@given(st.lists(st.tuples(st.floats(0.0, 200.0), st.floats(-0.02, 0.0)), min_size=1, max_size=10))
+def test_a_load_that_is_latched_stays_so(kind: CompensationIndex, shown: list[tuple[float, float]]) -> None:
+    """Whatever a motor that stands or lets out says of its load, friction may have made it: only excursion moves the
+    index."""
+    grip = copy.deepcopy(SQUEEZED[kind])
+    state = grip.profile.state
+    before = grip.index.advance(state, kind)
+    for tension_N, rate_m_s in shown:
+        grip.step += 1
+        now_ns = grip.step * 2_000_000
+        hand = replace(grip.measured(0.0), tension_N=(tension_N, tension_N), rate_m_s=(rate_m_s, rate_m_s))
+        grip.index.take(hand, now_ns, now_ns, winding=False)
+        after = grip.index.advance(state, kind)
+    assert after.mean_m == pytest.approx(before.mean_m, abs=1e-6)
+    assert after.motion.pose == pytest.approx(before.motion.pose, abs=1e-5)
+
+
+def test_a_new_kind_while_the_object_is_held_goes_by_excursion_first() -> None:
+    """Its correction is unknown until the motors wind again: no jump to a load that was never taken in."""
+    grip = squeezed(CompensationIndex.EXCURSION)
+    state = grip.profile.state
+    before = grip.index.advance(state, CompensationIndex.EXCURSION)
+    assert grip.index.advance(state, CompensationIndex.FUSED).motion.pose == pytest.approx(before.motion.pose, abs=1e-6)
+
+
+def test_only_steady_winding_is_believed() -> None:
+    """While the rotors gather speed their inertia is in the load, and before friction has turned over that is too."""
+    rough = Grip(CompensationIndex.LOAD)
+    rough.touch()
+    for _ in rough.run(END_M, 0.0):  # as fast as it can: it never winds steadily for long enough
+        pass
+    plain = Grip(CompensationIndex.EXCURSION)
+    plain.touch()
+    for _ in plain.run(END_M, 0.0):
+        pass
+    state = plain.profile.state
+    by_load = rough.index.advance(state, CompensationIndex.LOAD)
+    assert by_load.mean_m == pytest.approx(plain.index.advance(state, CompensationIndex.EXCURSION).mean_m, abs=2e-5)
