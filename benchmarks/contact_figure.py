@@ -34,9 +34,9 @@ def draw(points: Mapping[str, Sequence[Point]], path: Path) -> None:
             axis.set_title(model)
             axis.set_ylim(-0.15, 0.15)
             axis.set_xlim(-0.75, 0.75)
-        for axis in axes[columns:]:
-            axis.set_xlabel("true contact later than in the table, mm")
         for axis in axes[::columns]:
             axis.set_ylabel("error, mm")
-        axes[0].legend(loc="upper left", title="closing", ncols=3, handletextpad=0.1, columnspacing=0.6)
+        figure.supxlabel("true contact later than in the table, mm", fontsize="medium")
+        handles, labels = axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper right", title="closing at", ncols=3, handletextpad=0.1)
         figure.savefig(path, dpi=DPI)

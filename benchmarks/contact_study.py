@@ -182,7 +182,8 @@ def _pads(rows: dict[str, Row]) -> str:
     for trial in pad_trials():
         row = rows[key(trial)]
         right, left = (_signed(value) for value in row.late_mm)
-        lines.append(f"| {1e3 * trial.closing_rate_m_s:g} mm/s | {right} / {left} | {_error(row)} | {row.outcome} |")
+        errors = _error(row) if row.outcome == "contact" else "–"
+        lines.append(f"| {1e3 * trial.closing_rate_m_s:g} mm/s | {right} / {left} | {errors} | {row.outcome} |")
     return "\n".join(lines)
 
 
