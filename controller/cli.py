@@ -247,7 +247,7 @@ def status(endpoint: Endpoint = None, config: Config = None, as_json: AsJson = F
     for lost in ("cycle_lost", "hand_lost", "tactile_lost"):
         if told_status.get(lost):
             print(told_status[lost])
-    for warning in told_status["warnings"]:
+    for warning in told_status.get("warnings", ()):
         print(f"warning: {warning['message']}")
     if not state:
         print("starting: no cycle has run yet")

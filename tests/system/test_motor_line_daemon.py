@@ -26,18 +26,32 @@ ATTEMPTS = 3
 LOAD_N = 40.0
 YIELD_M = 2e-4
 """A tripped watchdog holds where the spool is, without the lead that the load needs: it yields until friction helps."""
+AT_THE_START = """
+[[fault]]
+action = { kind = "set_register", motors = [2], name = "shutdown", value = 32 }
+"""
+WARNED = (
+    "tendon motor 2 does not shut down on overheating, electrical shock (Shutdown 32). This is switched on now "
+    "(Shutdown 52)."
+)
 
 
 def test_an_unplugged_line_is_told_and_the_hand_taken_up_again(config: RobotConfig, symmetric_case: GraspCase) -> None:
-    """While it is gone clients hear of it and the motors hold by themselves; back in, they are where they were."""
+    """While it is gone clients hear of it and the motors hold by themselves; back in, they are where they were. What
+    was amiss with a motor at the start, by a script here, is still in the status."""
     interrupted = []
     for _ in range(ATTEMPTS):
         with tempfile.TemporaryDirectory(prefix="sg-") as path, closing(Installation(Path(path))) as installation:
+            script = Path(path) / "faults.toml"
+            script.write_text(AT_THE_START)
             options = ["--tables", config.tables.directory, "--pendant", "manual", *scene(symmetric_case)]
+            options += ["--motor-faults", str(script)]
             daemon = installation.start(*options).wait_ready()
             with closing(daemon.client()) as client:
                 operator = Operator(daemon, client)
                 operator.make_ready()
+                (warning,) = client.status()["warnings"]
+                assert (warning["code"], warning["message"]) == ("hand_motor", WARNED)
                 try:
                     grip(client, config, symmetric_case)
                 except (CommandError, NoReplyError) as error:
