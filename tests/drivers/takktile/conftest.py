@@ -35,7 +35,7 @@ class Strip:
 
     def frame(self) -> BridgeFrame:
         """The next frame."""
-        frame = self.bridge.read(self.clock.now_ns() + nanoseconds(0.1))
+        frame = self.bridge.read(self.clock.now_ns() + nanoseconds(0.5))
         assert frame is not None
         return frame
 

@@ -82,7 +82,7 @@ def test_warming_is_no_force(make_strip: MakeStrip) -> None:
     )
     errors_N = []
     for pads in (None, fitted):
-        strip = make_strip(pads=pads, cells=cells, temperature_C=lambda t: 25.0 + min(t, 60.0) / 20.0, period_s=0.1)
+        strip = make_strip(pads=pads, cells=cells, temperature_C=lambda t: 25.0 + min(t, 60.0) / 20.0, period_s=0.2)
         strip.tared().run(120.0)
         errors_N.append(abs(np.mean([sample.force_N[0] for sample in strip.run(3.0)])))
     assert errors_N[0] > 0.08
@@ -94,7 +94,7 @@ def test_the_zero_follows_drift_outside_contact_only(make_strip: MakeStrip) -> N
     cells = tuple(SimulatedCell(c.cell, c.finger, counts_per_K=1.0) for c in two_fingers())
     found_N = {}
     for free in (True, False):
-        strip = make_strip(cells=cells, temperature_C=lambda t: 25.0 + min(t / 120.0, 1.0) * 2.5, period_s=0.1)
+        strip = make_strip(cells=cells, temperature_C=lambda t: 25.0 + min(t / 120.0, 1.0) * 2.5, period_s=0.2)
         strip.tared()
         strip.run(240.0, free=free)
         found_N[free] = abs(np.mean([sample.force_N[0] for sample in strip.run(3.0, free=free)]))
