@@ -7,6 +7,8 @@ from typing import Any
 
 from calibration.tactile_file import SIDES
 
+LONGEST_AGE_S = 1.0
+"""What is older is not shown: it would look like now."""
 _WIDTH = 9
 
 
@@ -14,6 +16,8 @@ def pad_lines(tactile: Mapping[str, Any]) -> list[str]:
     """Lines of `stillgrasp status`, from `tactile` of the state: N in each cell, or why it does not count."""
     if not tactile["present"]:
         return ["pads          away; the motors' load finds contact"]
+    if tactile["age_s"] > LONGEST_AGE_S:
+        return [f"pads          silent for {tactile['age_s']:.0f} s; the motors' load finds contact"]
     right, left = tactile["force_N"]
     touching = [side for side, touches in zip(SIDES, tactile["touching"], strict=True) if touches]
     lines = [

@@ -71,6 +71,7 @@ def test_an_operator_sees_the_cells_in_their_rows() -> None:
     assert lines[1].split() == ["right", "row", "0:", "1.00", "0.25"]
     assert lines[1].index("0.25") - lines[1].index("1.00") == 20
     assert lines[2].split() == ["left", "row", "3:", "stuck"]
+    assert pad_lines(pad_state(REPORT, 12.0)) == ["pads          silent for 12 s; the motors' load finds contact"]
     assert "away" in pad_lines(pad_state(PadReport(False, NOTHING_KNOWN), 1.0))[0]
 
 
