@@ -22,8 +22,10 @@ LEAST_SPAN_N = 5.0
 """Of the load between the first and the last sample; on less the slope is not believed."""
 BLOCKS = 12
 """Stretches of the way whose means are fitted: an effort that steps from tick to tick beats slowly against the samples,
-so that one after the other errs the same way; whole stretches do not."""
+so that one after the other errs the same way; whole stretches less so."""
 LEAST_A_BLOCK = 4
+MOST_ALIKE = 0.8
+"""Correlation of one block's error with the next that is reckoned with at most: a beat that is slower than a block."""
 SYSTEMATIC = 0.02
 """Standard deviation that no number of samples takes away [assumed: bearings, tendon guides]."""
 
@@ -50,17 +52,20 @@ class FreeClosingScale:
 
     def scale(self, believed: float) -> Scale:
         """1 + κ, where law and springs themselves are believed to be good within the part `believed`."""
-        sum_weight, sum_value = 0.0, 0.0
-        for samples, slope in zip(self._samples, self._slopes, strict=True):
-            if len(samples) >= BLOCKS * LEAST_A_BLOCK and (samples[-1][0] - samples[0][0]) * slope >= LEAST_SPAN_N:
-                value, variance = _fitted_slope(np.array(samples))
-                sum_weight += slope**2 / variance
-                sum_value += slope * value / variance
-        if sum_weight == 0.0 or believed == 0.0:
+        fits = [
+            (value / slope, variance / slope**2)
+            for samples, slope in zip(self._samples, self._slopes, strict=True)
+            if len(samples) >= BLOCKS * LEAST_A_BLOCK and (samples[-1][0] - samples[0][0]) * slope >= LEAST_SPAN_N
+            for value, variance in [_fitted_slope(np.array(samples))]
+        ]
+        if not fits or believed == 0.0:
             return Scale(1.0, believed)
-        variance = 1.0 / sum_weight + SYSTEMATIC**2
+        weights = [1.0 / variance for _, variance in fits]
+        seen = sum(weight * value for weight, (value, _) in zip(weights, fits, strict=True)) / sum(weights)
+        # both motors wind at one rate, so their steps err alike: two fingers are no better known than one
+        variance = len(fits) / sum(weights) + SYSTEMATIC**2
         part = believed**2 / (believed**2 + variance)
-        return Scale(1.0 + part * (sum_value / sum_weight - 1.0), math.sqrt(part * variance))
+        return Scale(1.0 + part * (seen - 1.0), math.sqrt(part * variance))
 
 
 def _fitted_slope(samples: NDArray[np.float64]) -> tuple[float, float]:
@@ -70,4 +75,6 @@ def _fitted_slope(samples: NDArray[np.float64]) -> tuple[float, float]:
     squares = float(x @ x)
     slope = float(x @ y) / squares
     left = y - slope * x
-    return slope, max(float(left @ left) / (BLOCKS - 2) / squares, 1e-9)
+    noise_N2 = max(float(left @ left), 1e-12)
+    alike = min(max(float(left[1:] @ left[:-1]) / noise_N2, 0.0), MOST_ALIKE)
+    return slope, noise_N2 * (1.0 + alike) / (1.0 - alike) / (BLOCKS - 2) / squares

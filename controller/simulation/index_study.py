@@ -69,7 +69,7 @@ class Condition:
 
 CONDITIONS = (
     Condition("rigid", "tendons that do not stretch, known", math.inf, math.inf),
-    Condition("nominal", "all as believed: tendons 4.5e4 N/m", long_hold=True),
+    Condition("nominal", "all as believed: tendons 4.5e4 N/m"),
     Condition("3e4", "tendons 3e4 N/m, known", 3e4, 3e4),
     Condition("6e4", "tendons 6e4 N/m, known", 6e4, 6e4),
     Condition("softer", "tendons 30 % softer than the hand file says", true_N_per_m=0.7 * STIFFNESS_N_PER_M),
