@@ -1,4 +1,4 @@
-"""Tables, figure and list of the index study: what `docs/index.md` shows. Pure but for `write`.
+"""Tables, figure and list of the index study: what `docs/index.md` shows. Pure but for `write` and `draw`.
 
 Motions in mm and degrees; of both grasps always the one that moved more.
 """
@@ -71,6 +71,16 @@ def listed(cells: Sequence[Cell]) -> str:
             [cell.model, cell.condition, cell.grasp, cell.index, cell.carrier, cell.hold_s, cell.load_N, *figures]
         )
     return file.getvalue()
+
+
+def read(text: str) -> list[Cell]:
+    """The cells of a list that `listed` wrote."""
+    cells = []
+    for row in csv.DictReader(io.StringIO(text)):
+        phases = [Residual(*(float(row[f"{phase}_{name}"]) for name in _RESIDUAL_COLUMNS)) for phase in PHASES]
+        what = (row["model"], row["condition"], row["grasp"], row["index"], row["carrier"])
+        cells.append(Cell(*what, float(row["hold_s"]), float(row["load_N"]), *phases))
+    return cells
 
 
 def draw(cells: Sequence[Cell], file: Path) -> None:

@@ -106,7 +106,9 @@ class ShadowedIndex(MotionIndex):
 
 
 @dataclass(frozen=True, eq=False)
-class _Moment:
+class Moment:
+    """What is so at one time."""
+
     time_ns: int
     T_world_hand: Array
     T_hand_object: Array
@@ -126,7 +128,7 @@ class StudyWatch:
     grasping: Grasping | None = None
     watching: bool = False
     holding: bool = False
-    moments: list[_Moment] = field(default_factory=list)
+    moments: list[Moment] = field(default_factory=list)
     _observer: WorldObserver | None = None
     _count: int = 0
 
@@ -139,7 +141,7 @@ class StudyWatch:
         truth = self._observer.truth()
         assert self.grasping is not None
         self.moments.append(
-            _Moment(
+            Moment(
                 truth.time_ns,
                 truth.T_world_wrist @ self.T_wrist_hand,
                 truth.T_hand_object,
@@ -165,7 +167,7 @@ class StudyWatch:
         """Not needed here."""
 
 
-def cells(moments: list[_Moment], ends_ns: tuple[int, int], what: tuple[str, str, str, str, float]) -> list[Cell]:
+def cells(moments: list[Moment], ends_ns: tuple[int, int], what: tuple[str, str, str, str, float]) -> list[Cell]:
     """Residuals by every index. `ends_ns`: of winding and of holding; `contact`: object in the hand, 4×4."""
     touches = [number for number, moment in enumerate(moments) if moment.touching]
     first = max(touches[0] - 1, 0)
@@ -180,7 +182,7 @@ def cells(moments: list[_Moment], ends_ns: tuple[int, int], what: tuple[str, str
     model, condition, grasp, carrier, hold_s = what
     start = seen[0]
 
-    def offset(moment: _Moment, index: str) -> Array:
+    def offset(moment: Moment, index: str) -> Array:
         """D by an index; without one, none."""
         return np.eye(4) if index == NO_INDEX else moment.offset[index]
 
