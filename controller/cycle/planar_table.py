@@ -68,10 +68,6 @@ class PlanarTable:
         """Look up by mean excursion since contact and difference right − left, m."""
         return self._planar(self.table.at_excursion(mean_m, difference_m))
 
-    def at_load(self, mean_N: float, difference_m: float) -> PlanarSample:
-        """Look up by mean load, N, and excursion difference, m."""
-        return self._planar(self.table.at_load(mean_N, difference_m))
-
     def _planar(self, sample: TableSample) -> PlanarSample:
         value, first, second = sample.rows.tolist()
         x, y, angle = self.contact_pose

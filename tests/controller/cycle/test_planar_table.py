@@ -31,11 +31,10 @@ def assert_same(planar: PlanarSample, sample: TableSample) -> None:
 
 
 @settings(max_examples=80)
-@given(st.floats(-0.002, 0.012), st.floats(-0.003, 0.003), st.floats(0.0, 200.0))
-def test_unpacks_what_the_table_says(mean_m: float, difference_m: float, mean_N: float) -> None:
+@given(st.floats(-0.002, 0.012), st.floats(-0.003, 0.003))
+def test_unpacks_what_the_table_says(mean_m: float, difference_m: float) -> None:
     """Inside, before, beyond and beside the domain: no column is taken for another, and only good ones are usable."""
     assert_same(PLANAR.at_excursion(mean_m, difference_m), TABLE.at_excursion(mean_m, difference_m))
-    assert_same(PLANAR.at_load(mean_N, difference_m), TABLE.at_load(mean_N, difference_m))
 
 
 def test_contact_is_the_tables() -> None:
