@@ -46,6 +46,7 @@ class HandFault(IntFlag):
     OTHER_MODE = 512  # a motor was found holding in a mode, or with a zero, in which it cannot be driven; it is left so
     ONE_SILENT = 1024  # one motor answers and the other does not: it may be without supply
     POSITION_JUMP = 2048  # a motor's position was all at once somewhere else, and stayed there
+    ASTRAY = 8192  # a spool is not where it was wound to; the cycle's own finding
     HOT = 4096  # heat lowers what a motor may give
     OUTSIDE_TURN = 2048  # a spool left the one turn in which its motor knows its place
 
@@ -236,6 +237,7 @@ class Reason(IntEnum):
     HAND_MOTOR_SILENT = 106
     HAND_POSITION_JUMP = 107
     HAND_HOT = 108
+    HAND_NOT_FOLLOWING = 109
     HAND_OUTSIDE_TURN = 107
 
 

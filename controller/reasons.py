@@ -173,6 +173,12 @@ EXPLANATIONS: Final[dict[Reason, Explanation]] = {
         "spool slipped. Its loop has pulled or let out tendon by as much: the object may have been dropped.",
         "Secure the object, then `hand.open`; restart the daemon, and calibrate zero_ticks again or replace the motor.",
     ),
+    Reason.HAND_NOT_FOLLOWING: Explanation(
+        "hand_not_following",
+        "A spool is not where it was wound to: its encoder is stuck, its motor has no gain, or another program drives "
+        "it. Where the object is in the hand is not known.",
+        "Secure the object, then `hand.open`; stop other programs on the motors' bus, and restart the daemon.",
+    ),
     Reason.HAND_HOT: Explanation(
         "hand_hot",
         "A tendon motor is hot: its load cap is lowered, so that it does not let go.",

@@ -13,10 +13,11 @@ from dataclasses import dataclass, field
 from calibration.motion_table import MotionTable, Status
 from controller.cycle.compensation import STILL, PlanarMotion, Vector3, after, hand_offset
 from controller.cycle.contact_search import ContactSearch, SearchSettings
+from controller.cycle.following import FollowingWatch
 from controller.cycle.grasp_state import COMPENSATED, GRIPPING, GraspEvent, GraspPhase, HandStatus, next_phase
 from controller.cycle.load_cap import LoadCap, LoadCapWatch
 from controller.cycle.motion_index import IndexReading, IndexSettings, MotionIndex
-from controller.cycle.motor_drive import MotorDrive
+from controller.cycle.motor_drive import MotorDrive, sign, towards
 from controller.cycle.pads import PadWatch
 from controller.cycle.planar_table import PlanarTable, finger_excursion_m
 from controller.cycle.winding import WindingLimits, WindingProfile
@@ -72,7 +73,8 @@ class Grasping:
         self._freeing = False
         """Released in a fault: fingers may be trapped, and no arm that lags behind slows that down."""
         self.lost = False
-        """A tendon let go or slipped: its excursion no longer tells where the object is, and the arm follows nothing."""
+        """A tendon let go or slipped: its excursion no longer tells where the object is, and the arm follows none."""
+        self.following = FollowingWatch()
         self._load_watch = LoadCapWatch(LoadCap(settings.load_cap_N))
         self._friction_sign = 0.0
         self._supply_V: Pair = (12.0, 12.0)
@@ -225,6 +227,7 @@ class Grasping:
         """A fault: keep the object. Winding ends here and now; the hand process freezes both excursions."""
         self._end_token(EventKind.FAILED, reason)
         self._gripped_at_fault = self.gripping
+        self.lost |= reason in (Reason.OFFSET_LAG, Reason.OFFSET_LIMIT)
         self.enter(GraspEvent.FAULT)
         if self.reading is not None and self._index is not None:
             self._profile.place(self._index.winding_m)
@@ -247,6 +250,7 @@ class Grasping:
         if sample_ns > self._last_sample_ns:
             self._last_sample_ns = sample_ns
             self._index.take(hand, sample_ns, now_ns, winding=is_winding)
+            self.following.take(hand.excursion_m)
             at_cap = self._load_watch.reached(hand.tension_N, hand.derating, sample_ns)
             if at_cap and self.phase is GraspPhase.SQUEEZING:
                 self._halt(Reason.LOAD_CAP_REACHED)
@@ -255,7 +259,7 @@ class Grasping:
         self.reading = self._index.advance(self.winding, self.index_kind)
         self._aim(self.table, self.reading)
         self._finish(now_ns)
-        return self._drive(self.table)
+        return self._drive(self.table, now_ns)
 
     def _aim(self, table: PlanarTable, reading: IndexReading) -> None:
         """The wanted hand offset; outside the table the last one stands: nothing is extrapolated. So it does while
@@ -277,7 +281,7 @@ class Grasping:
         offset = hand_offset(table.contact_pose, motion.pose, motion.rate, motion.acceleration)
         return after(self._offset_at_touch, offset)
 
-    def _drive(self, table: PlanarTable) -> HandSetPoint:
+    def _drive(self, table: PlanarTable, now_ns: int) -> HandSetPoint:
         """Excursion set-points, spool-side, of the winding coordinate."""
         w, rate_m_s, _ = self.winding
         assert self.reading is not None
@@ -285,15 +289,22 @@ class Grasping:
         share = 1.0 + min(w, 0.0) / table.mean_contact_m  # of the contact load, while the springs alone resist
         settings, stretch = self._settings, table.compliance_m_per_N
         reversal = self._period_s / settings.reversal_time_s
-        self._friction_sign = _towards(self._friction_sign, _sign(rate_m_s), reversal)
-        right, left = (
-            finger_excursion_m(table, i, w, settings.contact_zone_m)
-            + tension[i] * share * stretch[i]
-            + settings.drives[i].lead_m(tension[i] * share, rate_m_s, self._friction_sign, self._supply_V[i])
+        self._friction_sign = towards(self._friction_sign, sign(rate_m_s), reversal)
+        spool_right_m, spool_left_m = (
+            finger_excursion_m(table, i, w, settings.contact_zone_m) + tension[i] * share * stretch[i] for i in (0, 1)
+        )
+        right_m, left_m = (
+            settings.drives[i].lead_m(tension[i] * share, rate_m_s, self._friction_sign, self._supply_V[i])
             for i in (0, 1)
         )
-        mode = HandMode.FREEZE if self.phase is GraspPhase.FAULT else HandMode.TRACK
-        self._set_point = HandSetPoint((right, left), (self._settings.load_cap_N,) * 2, mode)
+        if self.phase is GraspPhase.FAULT:
+            mode = HandMode.FREEZE
+            self.following.forget()
+        else:
+            mode = HandMode.TRACK
+            self.following.want((spool_right_m, spool_left_m), (right_m, left_m), now_ns)
+        excursion_m = (spool_right_m + right_m, spool_left_m + left_m)
+        self._set_point = HandSetPoint(excursion_m, (settings.load_cap_N,) * 2, mode)
         return self._set_point
 
     def _watch_pads(self, pads: PadWatch, hand: HandState | None, now_ns: int) -> None:
@@ -385,13 +396,3 @@ class Grasping:
         if self._token:
             self.outcomes.append(Outcome(kind, self._token, reason, values))
             self._token = 0
-
-
-def _sign(rate: float) -> float:
-    """+1 winding in, −1 letting out, 0 standing."""
-    return 0.0 if rate == 0.0 else 1.0 if rate > 0.0 else -1.0
-
-
-def _towards(value: float, sign: float, step: float) -> float:
-    """`value` a step nearer to `sign`; a standing motor keeps the friction it stopped with."""
-    return value if sign == 0.0 else min(max(sign, value - step), value + step)

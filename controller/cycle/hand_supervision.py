@@ -12,7 +12,7 @@ from __future__ import annotations
 from controller.cycle.grasping import Grasping, Outcome
 from controller.cycle.orders import Orders
 from controller.cycle.safety import HAND_REASONS, SafetyMonitor
-from controller.messages import EventKind, HandState, Reason
+from controller.messages import EventKind, HandFault, HandState, Reason
 
 WELL_CYCLES = 500
 """Without anything wrong, after which a warning may come again: the same loose plug is not told a hundred times."""
@@ -22,6 +22,7 @@ _LOST = (
     Reason.HAND_RESTARTED,
     Reason.HAND_TORQUE_LOST,
     Reason.HAND_POSITION_JUMP,
+    Reason.HAND_NOT_FOLLOWING,
 )
 _BEARABLE = (Reason.HAND_HARDWARE, Reason.HAND_VOLTAGE)
 
@@ -36,6 +37,7 @@ class HandSupervision:
         self._failed = self._warned = self._known = 0
         """Ranks of the worst that was told as a fault since the last was cleared, as a warning, and of what was so when
         a fault was cleared."""
+        self._was_astray = False
         self._well_cycles = 0
 
     def look(self, hand: HandState | None, age_s: float) -> None:
@@ -43,16 +45,18 @@ class HandSupervision:
         orders, grasping = self._orders, self._grasping
         if hand is None:
             return
-        reason = self._safety.hand(age_s, hand.fault)
+        astray = grasping.compensated and grasping.following.astray and orders.fault is Reason.NONE
+        reason = self._safety.hand(age_s, hand.fault | (HandFault.ASTRAY if astray else HandFault.NONE))
         rank, is_hot = HAND_REASONS.index(reason), reason is Reason.HAND_HOT
         orders.hand_fault = Reason.NONE if is_hot else reason
         self._well_cycles = 0 if rank else self._well_cycles + 1
         if self._well_cycles >= WELL_CYCLES:
             self._warned = self._known = 0
         if orders.fault is Reason.NONE:
-            self._failed = self._known
+            self._failed, self._was_astray = self._known, False
         if grasping.compensated and not is_hot:
             grasping.lost |= reason in _LOST
+            self._was_astray |= reason is Reason.HAND_NOT_FOLLOWING
             if rank > self._failed:
                 self._failed = rank
                 orders.fail_hand(reason)
@@ -61,11 +65,16 @@ class HandSupervision:
             grasping.outcomes.append(Outcome(EventKind.WARNING, 0, reason))
 
     def clear(self) -> Reason:
-        """What forbids to clear a fault while something is in the hand: NONE, if nothing does."""
+        """What forbids to clear a fault while something is in the hand: NONE, if nothing does.
+
+        A spool that was elsewhere has moved the object to where nobody knows it.
+        """
         reason = self._orders.hand_fault
         if not self._grasping.compensated:
             return Reason.NONE
         if reason is not Reason.NONE and reason not in _BEARABLE:
             return reason
+        if self._was_astray:
+            return Reason.HAND_NOT_FOLLOWING
         self._known = HAND_REASONS.index(reason)
         return Reason.NONE

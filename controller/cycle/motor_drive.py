@@ -30,3 +30,13 @@ class MotorDrive:
     def supply_V(self, measured_V: float) -> float:
         """The supply to reckon with, for a whole grasp, as its last digit flickers; the law's while it is not known."""
         return measured_V if measured_V > 0.5 * self.voltage_V else self.voltage_V
+
+
+def sign(rate: float) -> float:
+    """+1 winding in, −1 letting out, 0 standing."""
+    return 0.0 if rate == 0.0 else 1.0 if rate > 0.0 else -1.0
+
+
+def towards(value: float, direction: float, step: float) -> float:
+    """`value` a step nearer to `direction`; a standing motor keeps the friction it stopped with."""
+    return value if direction == 0.0 else min(max(direction, value - step), value + step)

@@ -24,6 +24,7 @@ _HAND_FAULTS = (
     (HandFault.TORQUE_LOST, Reason.HAND_TORQUE_LOST),
     (HandFault.POSITION_JUMP, Reason.HAND_POSITION_JUMP),
     (HandFault.ONE_SILENT, Reason.HAND_MOTOR_SILENT),
+    (HandFault.ASTRAY, Reason.HAND_NOT_FOLLOWING),
     (HandFault.BUS_LOST, Reason.HAND_BUS_LOST),
     (HandFault.OTHER_MODE, Reason.HAND_OTHER_MODE),
     (HandFault.OUTSIDE_TURN, Reason.HAND_OUTSIDE_TURN),
@@ -35,7 +36,7 @@ _HAND_FAULTS = (
 )
 """What the hand process says is wrong, the worst first."""
 HAND_REASONS = (Reason.NONE, *(reason for _, reason in reversed(_HAND_FAULTS)))
-"""What can be wrong with the hand, from nothing to the worst."""
+"""What can be wrong with the hand, from nothing to the worst; one of them only the cycle can see."""
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from typing import Any, cast
 
 import pytest
 
+from controller.cycle.following import FollowingWatch
 from controller.cycle.grasping import Outcome
 from controller.cycle.hand_supervision import WELL_CYCLES, HandSupervision
 from controller.cycle.safety import SafetyLimits, SafetyMonitor
@@ -19,6 +20,7 @@ class PlayedGrasp:
 
     compensated: bool = False
     lost: bool = False
+    following: FollowingWatch = field(default_factory=FollowingWatch)
     outcomes: list[Outcome] = field(default_factory=list)
 
 
@@ -111,6 +113,21 @@ def test_a_known_error_is_not_told_again_but_a_worse_one_is(rig: Rig) -> None:
     assert rig.orders.told == [Reason.HAND_VOLTAGE]
     rig.look(HandFault.NO_REPLY | HandFault.HARDWARE | HandFault.VOLTAGE)
     assert rig.orders.told == [Reason.HAND_VOLTAGE, Reason.HAND_SILENT]
+
+
+def test_a_spool_that_was_elsewhere_is_not_cleared_with_something_in_the_hand(rig: Rig) -> None:
+    """Where it has moved the object is not known; open first."""
+    rig.grasp.compensated = True
+    for cycle in range(100):
+        rig.grasp.following.want((0.01, 0.01), (0.0, 0.0), cycle * 2_000_000)
+        rig.grasp.following.take((0.02, 0.01))
+    rig.look(HandFault.NONE)
+    assert rig.orders.told == [Reason.HAND_NOT_FOLLOWING]
+    rig.grasp.following.forget()
+    rig.look(HandFault.NONE)
+    assert rig.supervision.clear() is Reason.HAND_NOT_FOLLOWING
+    rig.grasp.compensated = False
+    assert rig.supervision.clear() is Reason.NONE
 
 
 def test_heat_is_a_warning_even_with_something_in_the_hand(rig: Rig) -> None:
