@@ -22,6 +22,7 @@ from drivers.simulated.serial_fault_actions import (
     EffortStuck,
     EncoderJump,
     EncoderNoise,
+    EncoderStuck,
     ErrorStatus,
     Garbage,
     HardwareError,
@@ -57,7 +58,7 @@ from tests.system.motor_fault_matrix import (
 from tests.system.motor_fault_rig import HandStall
 
 _LASTING = WATCH_S
-_MX, _MX_2, _XL, _RX = "MX-28", "MX-28(2.0)", "XL430-W250", "RX-28"
+_MX, _XL = "MX-28", "XL430-W250"
 
 
 def _fault(action: Any, at_s: float = 0.0, for_s: float | None = None, **more: Any) -> Fault[Any]:
@@ -77,17 +78,19 @@ def _row(
     let_go: tuple[int, ...] = (),
     mend: tuple[Fault[Any], ...] = (),
     model: str = XM,
+    watch_s: float = WATCH_S,
     opens: bool = True,
     **cells: Cell | None,
 ) -> Case:
     """`running`: squeezing and holding; the other phases as `cells` names them, else not looked at."""
     squeezing, holding = cells.get("squeezing", running), cells.get("holding", running)
     row = (start, cells.get("open"), cells.get("closing"), squeezing, holding, cells.get("adoption"))
-    return Case(name, faults, row, after, let_go, mend, model, opens)
+    return Case(name, faults, row, after, let_go, mend, model, watch_s, opens)
 
 
 _SILENT, _ONE = holds("hand_silent"), holds("hand_motor_silent")
 _NOBODY = refuses("NoReplyError", "no reply at 1000000 bit/s")
+_ALONE: dict[str, Any] = {"start": refuses("NoReplyError", "the other motor answers")}
 _DAMAGED = refuses("ProtocolError", "damaged reply")
 
 CASES: tuple[Case, ...] = (
@@ -314,6 +317,17 @@ CASES: tuple[Case, ...] = (
         "a goal of another program",
         _set("goal_position", 600, (1,)),
         start=None,
+        holding=lets_go("hand_not_following"),
+        let_go=(0,),
+        after="open",
+    ),
+    _row(
+        "a position gain of another program",
+        _set("position_p_gain", 0, (1,)),
+        start=None,
+        running=lets_go("hand_not_following", known_s=0.15),
+        let_go=(0,),
+        after="restart",
     ),
     _row("a ceiling of another program", _set("goal_current", 20, (1,)), start=None),
     _row("the watchdog switched off", _set("bus_watchdog", 0), start=None),
@@ -346,6 +360,15 @@ CASES: tuple[Case, ...] = (
         let_go=(0,),
         after="restart",
     ),
+    _row(
+        "a stuck encoder",
+        _fault(EncoderStuck(motors=(1,)), for_s=0.8),
+        start=None,
+        squeezing=lets_go("hand_not_following", known_s=0.4),
+        let_go=(0,),
+        after="restart",
+        watch_s=0.6,
+    ),
     _row("positions that tremble by 3 ticks", _fault(EncoderNoise(ticks=3.0), for_s=_LASTING), start=None),
     _row("a false peak of current", _fault(EffortError(motors=(1,), counts=1000), for_s=0.004), start=None),
     _row(
@@ -355,6 +378,134 @@ CASES: tuple[Case, ...] = (
         squeezing=stops(""),
     ),
     _row("a current sensor that is stuck", _fault(EffortStuck(motors=(1,)), for_s=_LASTING), start=None),
+    # --- protocol 1.0: no watchdog, alarms in the error byte, one read a motor
+    _row("one answer lost", _fault(Drop()), model=_MX),
+    _row("answers lost", _fault(Drop(), for_s=_LASTING), start=_NOBODY, running=_SILENT, after="clear", model=_MX),
+    _row(
+        "one motor silent",
+        _fault(Silence(motors=(1,)), for_s=_LASTING),
+        running=_ONE,
+        after="clear",
+        model=_MX,
+        **_ALONE,
+    ),
+    _row(
+        "requests lost",
+        _fault(Drop(sender="host"), for_s=_LASTING),
+        start=_NOBODY,
+        running=_SILENT,
+        after="clear",
+        opens=False,
+        model=_MX,
+    ),
+    _row("one checksum wrong", _fault(Corrupt(where="check")), model=_MX),
+    _row(
+        "checksums wrong",
+        _fault(Corrupt(where="check"), for_s=_LASTING),
+        start=_DAMAGED,
+        running=_SILENT,
+        after="clear",
+        model=_MX,
+    ),
+    *(
+        _row(f"an answer says: {error}", _fault(ErrorStatus(error=bit)), model=_MX)
+        for bit, error in ((0x02, "angle limit"), (0x08, "range"), (0x10, "checksum"), (0x40, "instruction"))
+    ),
+    _row("an adapter that echoes", _fault(Echo(), for_s=_LASTING), model=_MX),
+    _row(
+        "adapter unplugged",
+        _fault(Unplug(), for_s=_LASTING),
+        start=refuses("BusError", "unplugged"),
+        running=holds("hand_bus_lost", 0.02),
+        after="clear",
+        opens=False,
+        model=_MX,
+    ),
+    _row(
+        "the hand process stands still for 0.3 s",
+        HandStall(0.3),
+        start=None,
+        running=_SILENT,
+        after="clear",
+        opens=False,
+        model=_MX,
+    ),
+    _row(
+        "overload",
+        _fault(HardwareError(motors=(1,))),
+        start=refuses("DeviceError", "hardware error: overload"),
+        running=lets_go("hand_overloaded", 0.03),
+        let_go=(0,),
+        after="restart",
+        model=_MX,
+    ),
+    _row(
+        "above the temperature limit",
+        _fault(Temperature(motors=(2,), celsius=85.0)),
+        start=None,
+        running=lets_go("hand_overheated", 0.03),
+        let_go=(1,),
+        after="restart",
+        model=_MX,
+    ),
+    _row(
+        "one motor restarts",
+        _fault(Reboot(motors=(1,))),
+        running=lets_go("hand_motor_silent", then="hand_restarted"),
+        let_go=(0,),
+        after="open",
+        model=_MX,
+        **_ALONE,
+    ),
+    _row(
+        "torque switched off by another program",
+        _set("torque_enable", 0, (1,)),
+        start=None,
+        squeezing=GOES_ON,
+        holding=lets_go("hand_restarted", 0.03),
+        let_go=(0,),
+        after="open",
+        model=_MX,
+    ),
+    _row(
+        "a position that jumps by a millimetre",
+        _fault(EncoderJump(motors=(1,), ticks=62)),
+        start=None,
+        running=lets_go("hand_position_jump", 0.03),
+        let_go=(0,),
+        after="restart",
+        model=_MX,
+    ),
+    # --- protocol 2.0 of motors that tell their load
+    _row("answers lost", _fault(Drop(), for_s=_LASTING), start=_NOBODY, running=_SILENT, after="clear", model=_XL),
+    _row(
+        "requests lost",
+        _fault(Drop(sender="host"), for_s=_LASTING),
+        start=_NOBODY,
+        running=slackens("hand_silent"),
+        after="clear",
+        opens=False,
+        model=_XL,
+    ),
+    _row(
+        "overload",
+        _fault(HardwareError(motors=(1,))),
+        start=refuses("DeviceError", "hardware error: overload"),
+        running=lets_go("hand_overloaded", 0.02),
+        let_go=(0,),
+        after="restart",
+        model=_XL,
+    ),
+    _row(
+        "one motor restarts",
+        _fault(Reboot(motors=(1,))),
+        running=lets_go("hand_motor_silent", then="hand_restarted"),
+        let_go=(0,),
+        after="open",
+        model=_XL,
+        **_ALONE,
+    ),
+    _row("a false peak of load", _fault(EffortError(motors=(1,), counts=900), for_s=0.004), start=None, model=_XL),
 )
 
 ADVICE = {
@@ -368,6 +519,7 @@ ADVICE = {
     "hand_position_jump": ("may have been dropped", "`hand.open`"),
     "hand_voltage": ("supply voltage", "supply and its cable"),
     "hand_hardware": ("hardware error", "error bits"),
+    "hand_not_following": ("not where it was wound to", "`hand.open`"),
     "hand_hot": ("load cap is lowered", "rest"),
 }
 """Words that the message and the help of each fault must hold."""

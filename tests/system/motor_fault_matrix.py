@@ -85,6 +85,7 @@ class Case:
     mend: tuple[Fault[Any], ...] = ()
     """What makes the motors sound again."""
     model: str = XM
+    watch_s: float = WATCH_S
     opens: bool = True
     """The hand can be opened while it lasts: motors that did not let go pay out."""
 
@@ -127,4 +128,4 @@ def _text(cell: Cell | None) -> str:
         "lets go": f"told {limit}",
     }[cell.kind]
     codes = ", then ".join(f"`{code}`" for code in (cell.code, cell.then) if code)
-    return f"{text}, {codes}"
+    return f"{text}, {codes}" if codes else text

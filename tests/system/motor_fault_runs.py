@@ -12,8 +12,8 @@ from controller.simulation.demo_cases import GraspCase
 from tests.system.forked import in_a_fork
 from tests.system.motor_fault_cases import CASES
 from tests.system.motor_fault_judge import judge, suffer
-from tests.system.motor_fault_matrix import WATCH_S, Case
-from tests.system.motor_fault_rig import PHASES, Robot, Watch
+from tests.system.motor_fault_matrix import WATCH_S, XM, Case
+from tests.system.motor_fault_rig import PHASES, Robot, Seen, Watch
 
 ZERO_TICKS = {"RX-28": 100, "MX-28": 600}
 """Where all of the travel lies within one turn; other models know their turns."""
@@ -59,7 +59,18 @@ class Robots:
         return load_config(overrides={"tables": {"directory": self._directory}, "tendons": tendons})
 
 
-def live_through(case: Case, phase: str, robot_in: RobotIn) -> None:
-    """A copy of the robot has the case's faults, and is judged."""
+def case_named(name: str, model: str = XM) -> Case:
+    """A row of the matrix."""
+    return next(case for case in CASES if (case.name, case.model) == (name, model))
+
+
+def live_through(case: Case, phase: str, robot_in: RobotIn, spoil: Callable[[Robot], None] | None = None) -> None:
+    """A copy of the robot has the case's faults, and is judged; `spoil` takes away what should react."""
     robot, usual = robot_in(case.model, phase)
-    judge(case, phase, in_a_fork(lambda: suffer(robot, case, phase)), usual)
+
+    def suffered() -> Seen:
+        if spoil is not None:
+            spoil(robot)
+        return suffer(robot, case, phase)
+
+    judge(case, phase, in_a_fork(suffered), usual)
