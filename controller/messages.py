@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass, field
-from enum import IntEnum, IntFlag
+from enum import IntEnum, IntFlag, unique
 from typing import Any, Final
 
 import numpy as np
@@ -30,6 +30,7 @@ class HandMode(IntEnum):
     OPEN = 2  # pay out to the open position
 
 
+@unique
 class HandFault(IntFlag):
     """What is wrong with the tendon motors; 0 = nothing."""
 
@@ -45,10 +46,10 @@ class HandFault(IntFlag):
     RESTARTED = 256  # a motor was without supply for a moment: it lost its settings, and its torque
     OTHER_MODE = 512  # a motor was found holding in a mode, or with a zero, in which it cannot be driven; it is left so
     ONE_SILENT = 1024  # one motor answers and the other does not: it may be without supply
-    POSITION_JUMP = 2048  # a motor's position was all at once somewhere else, and stayed there
-    ASTRAY = 8192  # a spool is not where it was wound to; the cycle's own finding
-    HOT = 4096  # heat lowers what a motor may give
     OUTSIDE_TURN = 2048  # a spool left the one turn in which its motor knows its place
+    HOT = 4096  # heat lowers what a motor may give
+    ASTRAY = 8192  # a spool is not where it was wound to; the cycle's own finding
+    POSITION_JUMP = 16384  # a motor's position was all at once somewhere else, and stayed there
 
 
 @dataclass(frozen=True)
@@ -179,6 +180,7 @@ class EventKind(IntEnum):
     WARNING = 8  # something is wrong that nothing suffers from yet
 
 
+@unique
 class Reason(IntEnum):
     """Why a command was refused or failed, or what the fault is. Texts: `controller/reasons.py`."""
 
@@ -235,10 +237,10 @@ class Reason(IntEnum):
     HAND_RESTARTED = 104
     HAND_OTHER_MODE = 105
     HAND_MOTOR_SILENT = 106
-    HAND_POSITION_JUMP = 107
     HAND_HOT = 108
     HAND_NOT_FOLLOWING = 109
     HAND_OUTSIDE_TURN = 107
+    HAND_POSITION_JUMP = 110
 
 
 EVENT_VALUES: Final = 8

@@ -47,7 +47,7 @@ class SafetyLimits:
     torque_residual_Nm: tuple[float, ...] = (25.0, 25.0, 15.0, 15.0, 4.0, 4.0, 1.2)
     residual_time_s: float = 0.02
     silent_cycles: int = 5  # of incomplete position replies in a row (WAM reference 4.6)
-    hand_age_s: float = 0.1  # dynamixel reference 5.4: dead above 100 ms
+    hand_age_s: float = 0.085  # told within 100 ms; dynamixel reference 5.4: dead above that
     offset_m: float = 0.06
     offset_rad: float = 0.6
     offset_lag_m: float = 0.003
