@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -16,7 +17,11 @@ from controller.config import RobotConfig, load_config
 from controller.service.assembly import configured_hand
 from controller.simulation.demo_cases import OBJECT, GraspCase, demo_cases, table_name
 from tests.system.daemon_rig import Installation
-from tests.system.motor_fault_runs import Robots
+
+if TYPE_CHECKING:
+    from tests.system.motor_fault_runs import Robots
+
+pytest.register_assert_rewrite("tests.system.motor_fault_judge")
 
 
 @pytest.fixture(scope="session")
@@ -53,4 +58,6 @@ def installation() -> Iterator[Installation]:
 @pytest.fixture(scope="module")
 def robot_in(config: RobotConfig, symmetric_case: GraspCase) -> Robots:
     """Robots for the fault matrix of the tendon motors, in a phase."""
+    from tests.system.motor_fault_runs import Robots  # only then: the judge's asserts are to be told in detail
+
     return Robots(config.tables.directory, symmetric_case)

@@ -82,8 +82,10 @@ def _row(
     opens: bool = True,
     **cells: Cell | None,
 ) -> Case:
-    """`running`: squeezing and holding; the other phases as `cells` names them, else not looked at."""
-    squeezing, holding = cells.get("squeezing", running), cells.get("holding", running)
+    """`running`: squeezing and, where something happens with the first model, holding. Other phases as `cells` names
+    them, else not looked at."""
+    squeezing = cells.get("squeezing", running)
+    holding = cells.get("holding", running if model == XM and running is not GOES_ON else None)
     row = (start, cells.get("open"), cells.get("closing"), squeezing, holding, cells.get("adoption"))
     return Case(name, faults, row, after, let_go, mend, model, watch_s, opens)
 
@@ -95,9 +97,9 @@ _DAMAGED = refuses("ProtocolError", "damaged reply")
 
 CASES: tuple[Case, ...] = (
     # --- packets that are lost
-    _row("one answer lost", _fault(Drop()), closing=GOES_ON, adoption=STARTS),
+    _row("one answer lost", _fault(Drop()), closing=GOES_ON, holding=GOES_ON, adoption=STARTS),
     _row("three answers lost", _fault(Drop(), for_frames=3), start=None),
-    _row("answers lost for 50 ms", _fault(Drop(), for_s=0.05), start=_NOBODY, closing=GOES_ON),
+    _row("answers lost for 50 ms", _fault(Drop(), for_s=0.05), start=_NOBODY, closing=GOES_ON, holding=GOES_ON),
     _row("one motor silent for 30 ms", _fault(Silence(motors=(2,)), for_s=0.03), start=None),
     _row(
         "answers lost",
@@ -128,7 +130,13 @@ CASES: tuple[Case, ...] = (
     ),
     # --- packets with other content
     _row("one answer damaged", _fault(Corrupt()), adoption=STARTS),
-    _row("one answer in twenty damaged", _fault(Corrupt(), for_s=_LASTING, chance=0.05), closing=GOES_ON),
+    _row(
+        "one answer in twenty damaged",
+        _fault(Corrupt(), for_s=_LASTING, chance=0.05),
+        closing=GOES_ON,
+        holding=GOES_ON,
+        adoption=STARTS,
+    ),
     _row("answers damaged", _fault(Corrupt(), for_s=_LASTING), start=_DAMAGED, running=_SILENT, after="clear"),
     _row(
         "requests damaged",
@@ -158,7 +166,7 @@ CASES: tuple[Case, ...] = (
         after="clear",
     ),
     *(
-        _row(f"an answer says: {error}", _fault(ErrorStatus(error=number)))
+        _row(f"an answer says: {error}", _fault(ErrorStatus(error=number)), start=None, holding=None)
         for number, error in enumerate(
             (
                 "result fail",
@@ -185,7 +193,7 @@ CASES: tuple[Case, ...] = (
     _row(
         "answers 16 ms late: a latency timer that was not set",
         _fault(Late(by_s=0.016), for_s=_LASTING),
-        start=_NOBODY,
+        start=refuses("ProtocolError", "reply to ping"),
         running=_SILENT,
         after="clear",
     ),
@@ -329,7 +337,7 @@ CASES: tuple[Case, ...] = (
         let_go=(0,),
         after="restart",
     ),
-    _row("a ceiling of another program", _set("goal_current", 20, (1,)), start=None),
+    _row("a ceiling of another program", _set("goal_current", 20, (1,)), start=None, holding=GOES_ON),
     _row("the watchdog switched off", _set("bus_watchdog", 0), start=None),
     _row("the indirect map overwritten", _set("indirect_address_1", 224, (1,)), start=None),
     _row(
@@ -408,7 +416,7 @@ CASES: tuple[Case, ...] = (
         model=_MX,
     ),
     *(
-        _row(f"an answer says: {error}", _fault(ErrorStatus(error=bit)), model=_MX)
+        _row(f"an answer says: {error}", _fault(ErrorStatus(error=bit)), start=None, model=_MX)
         for bit, error in ((0x02, "angle limit"), (0x08, "range"), (0x10, "checksum"), (0x40, "instruction"))
     ),
     _row("an adapter that echoes", _fault(Echo(), for_s=_LASTING), model=_MX),
