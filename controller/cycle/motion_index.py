@@ -25,6 +25,8 @@ from controller.cycle.planar_table import PlanarSample, PlanarTable, finger_excu
 from controller.cycle.winding import IndexObserver, ObserverSettings, WindingState
 from controller.messages import CompensationIndex, HandState, Pair
 
+_SQRT_6 = 6.0**0.5
+"""A motor stands anywhere in its tick: the difference of two deviates by tick / √6, their mean by half of that."""
 _ANY_CONTACT_M = 2e-4
 _ANY_STRETCH_M_PER_N = 2e-5
 """What the load index does not believe of excursions: where contact was, how stiff a braided line is."""
@@ -45,7 +47,7 @@ class IndexSettings:
     excursion: ObserverSettings = field(default_factory=ObserverSettings)
     difference: ObserverSettings = field(default_factory=lambda: ObserverSettings(bandwidth_rad_s=8.0))
     winding_rate_m_s: float = 6.5e-4  # just above what the load law calls holding
-    resolution_m: float = 8.5e-6  # half a motor tick on the spool
+    tick_m: float = 1.61e-5  # of a motor's position, on the spool
     tension_lag_s: float = 0.01  # of the measured tension, by its filter
     contact_deviation_m: float = 5e-5
     stiffness_deviation: float = 0.3  # relative, of the tendons
@@ -153,6 +155,7 @@ class MotionIndex:
         self._onset_shift_N: float | None = None
         self._stretch_m: Pair = (0.0, 0.0)
         self._steady_s = 0.0
+        self._stands = True
         self._at: tuple[_Correction, PlanarSample, float] | None = None
         """What corrects the index now, and the table's word there with the index's rate."""
         self.last_winding_load_N = 0.0
@@ -205,9 +208,9 @@ class MotionIndex:
     def take(self, hand: HandState, sample_ns: int, now_ns: int, *, winding: bool) -> None:
         """Correct by a sample of the hand."""
         mean_m, difference_m = self._measured(hand)
-        resolution_m = 0.0 if winding else self._settings.resolution_m
-        self._mean.correct(mean_m, sample_ns, now_ns, resolution_m=resolution_m)
-        self._difference.correct(difference_m, sample_ns, now_ns, resolution_m=resolution_m)
+        hidden_m = self._settings.tick_m / _SQRT_6 if self._stands else 0.0
+        self._mean.correct(mean_m, sample_ns, now_ns, hidden_m=0.5 * hidden_m)
+        self._difference.correct(difference_m, sample_ns, now_ns, hidden_m=hidden_m)
         # Where a motor has not begun to turn, friction hides its load (dynamixel reference 3.3).
         turning = min(hand.rate_m_s) > self._settings.winding_rate_m_s
         if not (winding and turning and self._steady_s > _STEADY_S + (now_ns - sample_ns) * 1e-9):
@@ -233,6 +236,7 @@ class MotionIndex:
         is held goes by excursion until the motors wind again."""
         steady = abs(profile.acceleration_m_s2) < _STEADY_M_S2 and profile.rate_m_s > 0.0
         self._steady_s = self._steady_s + self._period_s if steady else 0.0
+        self._stands = abs(profile.rate_m_s) < 1e-9
         shifted = WindingState(profile.position_m - self.mean_shift_m, profile.rate_m_s, profile.acceleration_m_s2)
         index = self._mean.advance(shifted)
         difference = self._difference.advance(self._planned_difference(profile))

@@ -117,10 +117,12 @@ class WindingProfile:
 
 @dataclass(frozen=True)
 class ObserverSettings:
-    """Identified motor lag, and how fast measured samples correct the model."""
+    """Identified motor lag, how fast measured samples correct the model, and how well the index is known at a stop."""
 
     lag_s: float = 0.02
     bandwidth_rad_s: float = 25.0
+    stop_deviation_m: float = 5e-6  # where winding ends
+    creep_m: float = 8e-6  # what gears and tendons may creep in the first second after it; grows with the root of time
 
 
 class IndexObserver:
@@ -136,7 +138,11 @@ class IndexObserver:
         self._blend = 1.0 - math.exp(-period_s / settings.lag_s)
         self._alpha_rate = 2.0 * settings.bandwidth_rad_s
         self._beta_rate = settings.bandwidth_rad_s**2
+        self._stop_variance_m2 = settings.stop_deviation_m**2
+        self._creep_m2_per_s = settings.creep_m**2
         self._last_sample_ns: int | None = None
+        self._stopped: tuple[float, int] | None = None
+        """Residual at which winding ended, and when."""
         self.reset(0.0)
 
     def reset(self, measured_m: float) -> None:
@@ -147,6 +153,7 @@ class IndexObserver:
         self._residual_m = 0.0
         self._residual_rate_m_s = 0.0
         self._last_sample_ns = None
+        self._stopped = None
 
     def shift(self, by_m: float) -> None:
         """Move the index's zero: what was x is now x + `by_m`; rates stay."""
@@ -170,21 +177,28 @@ class IndexObserver:
             self._model_acceleration_m_s2,
         )
 
-    def correct(self, measured_m: float, sample_ns: int, now_ns: int, *, resolution_m: float = 0.0) -> None:
+    def correct(self, measured_m: float, sample_ns: int, now_ns: int, *, hidden_m: float = 0.0) -> None:
         """Take in a new sample, measured at `sample_ns`; a sample seen before changes nothing.
 
-        Deviations within `resolution_m` change nothing either: a standing motor shows the same tick whatever lies in
-        it, where a moving one shows the truth on average.
+        `hidden_m`: what the ticks of motors that stand hide (standard deviation), 0 while they wind. A moving motor
+        shows the truth on average; a standing one always the same tick, however often it is read: one measurement,
+        weighed against the index as it was when the winding ended, which counts for less the longer that is ago.
         """
         if self._last_sample_ns is not None and sample_ns <= self._last_sample_ns:
             return
         interval_s = 0.0 if self._last_sample_ns is None else min((sample_ns - self._last_sample_ns) * 1e-9, 0.01)
         self._last_sample_ns = sample_ns
         index = self.state
-        expected_m = index.position_m - index.rate_m_s * (now_ns - sample_ns) * 1e-9
-        error_m = measured_m - expected_m
-        error_m -= min(max(error_m, -resolution_m), resolution_m)
-        if resolution_m > 0.0:
+        error_m = measured_m - (index.position_m - index.rate_m_s * (now_ns - sample_ns) * 1e-9)
+        if hidden_m > 0.0:
+            if self._stopped is None:
+                self._stopped = self._residual_m, sample_ns
+            residual_m, stop_ns = self._stopped
+            stop_variance_m2 = self._stop_variance_m2 + self._creep_m2_per_s * (sample_ns - stop_ns) * 1e-9
+            since_stop_m = residual_m - self._residual_m
+            error_m += (since_stop_m - error_m) * hidden_m**2 / (hidden_m**2 + stop_variance_m2)
             self._residual_rate_m_s *= math.exp(-interval_s * self._alpha_rate)  # drift ends with the motion it was of
+        else:
+            self._stopped = None
         self._residual_m += min(self._alpha_rate * interval_s, 0.5) * error_m
         self._residual_rate_m_s += min(self._beta_rate * interval_s, 10.0) * error_m

@@ -187,7 +187,7 @@ def index_settings(config: RobotConfig) -> IndexSettings:
     tick_N = max(loop.resolution_m / loop.compliance_m_per_N for loop in loops)  # the output's step from tick to tick
     slope = max(settings.load_law.slope_uncertainty for settings in motors)
     return IndexSettings(
-        resolution_m=0.5 * tick_m,
+        tick_m=tick_m,
         tension_lag_s=tendons.effort_filter_s,
         contact_deviation_m=math.hypot(CONTACT_DEVIATION_M, tick_m / math.sqrt(12.0)),
         stiffness_deviation=config.compensation.tendon_stiffness_uncertainty,

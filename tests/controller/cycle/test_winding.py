@@ -195,6 +195,32 @@ def test_observer_is_quiet_between_quantised_samples() -> None:
     assert np.max(np.abs(positions)) < 32e-6
 
 
+def standing_after(seconds: float, measured_m: float, settings: ObserverSettings, hidden_m: float) -> float:
+    """Index so long after a stop at zero, if the standing motor shows `measured_m` all the time."""
+    observer = IndexObserver(PERIOD_S, settings)
+    observer.reset(0.0)
+    for step in range(1, round(seconds / PERIOD_S) + 1):
+        now_ns = step * PERIOD_NS
+        observer.correct(measured_m, now_ns, now_ns, hidden_m=hidden_m)
+        observer.advance(WindingState(0.0, 0.0, 0.0))
+    return observer.state.position_m
+
+
+def test_a_standing_tick_is_one_measurement_however_often_it_is_read() -> None:
+    """Without creep the index ends at the mean of stop and tick, weighed by their variances, and stays there."""
+    settings = ObserverSettings(stop_deviation_m=4e-6, creep_m=0.0)
+    weighed_m = 16e-6 * 4.0**2 / (4.0**2 + 6.0**2)
+    for seconds in (1.0, 30.0):
+        assert standing_after(seconds, 16e-6, settings, hidden_m=6e-6) == pytest.approx(weighed_m, rel=1e-3)
+
+
+def test_what_creeps_is_believed_of_the_tick_in_the_end() -> None:
+    """A minute after the stop the tick says more than where the winding ended; a tick that tells all says it at once."""
+    settings = ObserverSettings()
+    assert standing_after(60.0, 16e-6, settings, hidden_m=6e-6) == pytest.approx(16e-6, rel=0.02)
+    assert standing_after(1.0, 16e-6, settings, hidden_m=1e-9) == pytest.approx(16e-6, rel=1e-3)
+
+
 def test_shifting_the_zero_keeps_the_rates() -> None:
     """Finding contact moves the index's zero, not the hand."""
     observer = IndexObserver(PERIOD_S, ObserverSettings())

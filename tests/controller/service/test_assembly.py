@@ -44,7 +44,7 @@ def test_trust_follows_the_model(name: str) -> None:
     """One tick of a motor is worth so many newtons of its output, and less cannot be told."""
     config = load_config(overrides={"tendons": {"model": name}})
     trust, (drive, _) = index_settings(config), motor_drives(config)
-    tick_m = 2.0 * trust.resolution_m
+    tick_m = trust.tick_m
     assert trust.noise_N == pytest.approx(max(tick_m / drive.compliance_m_per_N, 1.0))
     assert trust.contact_deviation_m >= tick_m / 12**0.5
     assert trust.tension_lag_s == config.tendons.effort_filter_s
@@ -56,5 +56,5 @@ def test_coarse_ticks_are_trusted_less() -> None:
         index_settings(load_config(overrides={"tendons": {"model": model.name}})) for model in (RX_28, XL430_W250)
     )
     assert coarse.noise_N > 5.0 * fine.noise_N
-    assert coarse.resolution_m == pytest.approx(2.69e-5, abs=1e-7)
+    assert coarse.tick_m == pytest.approx(5.38e-5, abs=1e-7)
     assert coarse.scale_deviation >= fine.scale_deviation >= 0.3
