@@ -215,7 +215,7 @@ def test_a_standing_tick_is_one_measurement_however_often_it_is_read() -> None:
 
 
 def test_what_creeps_is_believed_of_the_tick_in_the_end() -> None:
-    """A minute after the stop the tick says more than where the winding ended; a tick that tells all says it at once."""
+    """A minute after the stop the tick says more than the end of winding; a tick that tells all says it at once."""
     settings = ObserverSettings()
     assert standing_after(60.0, 16e-6, settings, hidden_m=6e-6) == pytest.approx(16e-6, rel=0.02)
     assert standing_after(1.0, 16e-6, settings, hidden_m=1e-9) == pytest.approx(16e-6, rel=1e-3)
