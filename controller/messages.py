@@ -200,6 +200,7 @@ class Reason(IntEnum):
     LOAD_CAP_REACHED = 23
     TABLE_END_REACHED = 24
     OFF_CENTRE = 25
+    HAND_NOT_OPEN = 26
     ARM_SILENT = 40
     ARM_IDLED = 41
     TRACKING_ERROR = 43

@@ -91,6 +91,11 @@ EXPLANATIONS: Final[dict[Reason, Explanation]] = {
         "One finger touched well before the other and pushed the object.",
         "The object stood object_offset_m off the hand's axis: the motion before its grip was not compensated.",
     ),
+    Reason.HAND_NOT_OPEN: Explanation(
+        "hand_not_open",
+        "The hand was told to open and got no nearer to it.",
+        "A finger is stuck, or a tendon motor let go: see hand in `status`.",
+    ),
     Reason.TRACKING_ERROR: Explanation(
         "tracking_error",
         "A joint is too far from where it was commanded.",

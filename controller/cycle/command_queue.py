@@ -8,7 +8,8 @@ from __future__ import annotations
 import os
 
 from calibration.motion_table import MotionTable
-from controller.cycle.grasping import Grasping, Outcome
+from controller.cycle.grasping import Grasping
+from controller.cycle.outcome import Outcome
 from controller.messages import CommandKind, CycleCommand, EventKind, Reason
 from controller.service.links import OrderedReader
 from drivers.errors import TableError

@@ -21,11 +21,12 @@ from controller.cycle.command_queue import CommandQueue
 from controller.cycle.compensation import STILL, OffsetSmoother
 from controller.cycle.cycle_record import CycleRecorder
 from controller.cycle.grasp_state import ArmState
-from controller.cycle.grasping import Grasping, Outcome
+from controller.cycle.grasping import Grasping
 from controller.cycle.hand_supervision import HandSupervision
 from controller.cycle.joint_control import JointControl
 from controller.cycle.lifted_load import LiftedLoad
 from controller.cycle.orders import Orders
+from controller.cycle.outcome import Outcome
 from controller.cycle.pacer import Pacer
 from controller.cycle.safety import SafetyMonitor, governor
 from controller.messages import (

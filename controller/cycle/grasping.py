@@ -15,9 +15,11 @@ from controller.cycle.compensation import STILL, PlanarMotion, Vector3, after, h
 from controller.cycle.contact_search import ContactSearch, SearchSettings
 from controller.cycle.following import FollowingWatch
 from controller.cycle.grasp_state import COMPENSATED, GRIPPING, GraspEvent, GraspPhase, HandStatus, next_phase
+from controller.cycle.hand_opening import HandOpening
 from controller.cycle.load_cap import LoadCap, LoadCapWatch
 from controller.cycle.motion_index import IndexReading, IndexSettings, MotionIndex
 from controller.cycle.motor_drive import MotorDrive, sign, towards
+from controller.cycle.outcome import Outcome
 from controller.cycle.pads import PadWatch
 from controller.cycle.planar_table import PlanarTable, finger_excursion_m
 from controller.cycle.winding import WindingLimits, WindingProfile
@@ -45,16 +47,6 @@ class GraspSettings:
     index: IndexSettings = field(default_factory=IndexSettings)
 
 
-@dataclass
-class Outcome:
-    """Something to tell the front about a command."""
-
-    kind: EventKind
-    token: int
-    reason: Reason = Reason.NONE
-    values: tuple[float, ...] = field(default_factory=tuple)
-
-
 class Grasping:
     """Phase, winding and index of the grasp under way."""
 
@@ -68,7 +60,6 @@ class Grasping:
         self._contact: ContactSearch | None = None
         self._token = 0
         self._searching = False
-        self._opening = False
         self._gripped_at_fault = False
         self._freeing = False
         """Released in a fault: fingers may be trapped, and no arm that lags behind slows that down."""
@@ -92,6 +83,7 @@ class Grasping:
         self._offset_at_touch = STILL.pose
         self.winding = self._profile.state
         self.outcomes: list[Outcome] = []
+        self._opening = HandOpening(self.outcomes)
 
     @property
     def index(self) -> MotionIndex | None:
@@ -158,7 +150,8 @@ class Grasping:
         # No stop before the slow part: at rest, gear friction hides the load.
         self._profile.move(-settings.contact_zone_m, rate_m_s=rate, end_rate_m_s=settings.contact_rate_m_s)
         self._token, self._searching, self._stop_reason = token, False, None
-        self._opening = self.lost = False
+        self._opening.end()
+        self.lost = False
         return Reason.NONE
 
     def squeeze(self, token: int, mean_excursion_m: float, load_N: float, duration_s: float) -> Reason:
@@ -212,9 +205,9 @@ class Grasping:
         self._token, self._searching, self._stop_reason = token, False, None
         return Reason.NONE
 
-    def open(self) -> None:
+    def open(self, token: int) -> None:
         """Let the hand process pay out whatever it holds; for when no grasp is under way."""
-        self._opening = True
+        self._opening.begin(token)
 
     def clear_fault(self) -> None:
         """The fault is over: what was held goes on being held where it now is."""
@@ -239,8 +232,9 @@ class Grasping:
         if not self.compensated or self.table is None or self._index is None or hand is None:
             self.offset_target = STILL
             self.reading = None
+            self._opening.step(hand, now_ns)
             # Whatever the motors hold when the daemon starts, they go on holding: only release and open let go.
-            mode = HandMode.OPEN if self._opening else HandMode.FREEZE
+            mode = HandMode.OPEN if self._opening.wanted else HandMode.FREEZE
             self._set_point = HandSetPoint((0.0, 0.0), (self._settings.free_load_cap_N,) * 2, mode)
             return self._set_point
         if self._freeing and self.phase is GraspPhase.RELEASING:
@@ -312,7 +306,7 @@ class Grasping:
         once the wrist is where the grasp begins."""
         prepositioned = self.phase is GraspPhase.PREPOSITIONED
         empty = hand is not None and max(hand.tension_N) < self._settings.empty_load_N
-        is_open = (prepositioned or (self._opening and not self.compensated)) and empty
+        is_open = (prepositioned or (self._opening.wanted and not self.compensated)) and empty
         approaching = self.phase is GraspPhase.CLOSING and not self._searching
         arrived, self._was_prepositioned = prepositioned and not self._was_prepositioned, prepositioned
         pads.step(free=is_open or approaching, take_zero=arrived, now_ns=now_ns)
@@ -349,7 +343,7 @@ class Grasping:
         assert self.table is not None
         self._end_token(EventKind.FAILED, reason)
         self.enter(GraspEvent.CLOSING_FAILED)
-        self._opening = True
+        self._opening.begin()
 
     def _halt(self, reason: Reason) -> None:
         if self._stop_reason is None or self._stop_reason is Reason.NONE:
@@ -389,7 +383,7 @@ class Grasping:
             self._end_token(EventKind.FAILED, reason)
         elif self.phase is GraspPhase.RELEASING:
             self.enter(GraspEvent.RELEASED)
-            self._opening = True
+            self._opening.begin()
             self._end_token(EventKind.COMPLETED, Reason.NONE)
 
     def _end_token(self, kind: EventKind, reason: Reason, values: tuple[float, ...] = ()) -> None:

@@ -9,8 +9,9 @@ then on only worse ones are told.
 
 from __future__ import annotations
 
-from controller.cycle.grasping import Grasping, Outcome
+from controller.cycle.grasping import Grasping
 from controller.cycle.orders import Orders
+from controller.cycle.outcome import Outcome
 from controller.cycle.safety import HAND_REASONS, SafetyMonitor
 from controller.messages import EventKind, HandFault, HandState, Reason
 

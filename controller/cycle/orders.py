@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from controller.cycle.arm_motion import ArmMotion
 from controller.cycle.arm_supervision import tells_more
 from controller.cycle.grasp_state import ArmState, GraspEvent, GraspPhase
-from controller.cycle.grasping import Grasping, Outcome
+from controller.cycle.grasping import Grasping
+from controller.cycle.outcome import Outcome
 from controller.cycle.safety import HAND_REASONS
 from controller.messages import CommandKind, CompensationIndex, CycleCommand, EventKind, HandState, Reason
 from controller.pose import Pose
@@ -185,8 +186,8 @@ class Orders:
         """As release where something is gripped; else the hand process pays out what it holds."""
         if self._grasping.compensated:
             return self._grasping.release(command.token)
-        self._grasping.open()
-        return self._done(command)
+        self._grasping.open(command.token)
+        return Reason.NONE
 
     def _set_compensation(self, command: CycleCommand) -> Reason:
         """Only while nothing is gripped: a change under load would move the object."""

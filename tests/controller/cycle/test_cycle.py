@@ -220,7 +220,7 @@ def test_an_arm_activated_before_the_first_period_stands(rig: Rig) -> None:
 def test_a_command_waits_for_its_cycle(rig: Rig) -> None:
     """Commands carry the cycle they take effect in, so that a replay does the same; those behind it wait too."""
     rig.send(CommandKind.HOLD, token=1, effective_cycle=5)
-    rig.send(CommandKind.OPEN, token=2)
+    rig.send(CommandKind.ARM_HOLD, token=2)
     rig.run(5)
     assert rig.events() == []
     rig.run(1)

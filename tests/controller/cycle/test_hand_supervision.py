@@ -8,8 +8,8 @@ from typing import Any, cast
 import pytest
 
 from controller.cycle.following import FollowingWatch
-from controller.cycle.grasping import Outcome
 from controller.cycle.hand_supervision import WELL_CYCLES, HandSupervision
+from controller.cycle.outcome import Outcome
 from controller.cycle.safety import SafetyLimits, SafetyMonitor
 from controller.messages import EventKind, HandFault, HandState, Reason
 
