@@ -38,6 +38,7 @@ from drivers.wam.arm import Arm
 from drivers.wam.bus import CanBus
 from drivers.wam.parameters import WamParameters, load_wam_parameters
 
+SILENT_OF_AGE = 0.7
 INDEX_NAMES = {
     "excursion": CompensationIndex.EXCURSION,
     "load": CompensationIndex.LOAD,
@@ -219,8 +220,12 @@ def tendon_motors(config: RobotConfig) -> tuple[MotorSettings, MotorSettings]:
 
 
 def hand_settings(config: RobotConfig) -> HandSettings:
-    """How the hand process runs."""
-    return HandSettings(period_s=config.tendons.poll_period_s, opening_rate_m_s=config.squeeze.closing_rate_m_s)
+    """How the hand process runs. It tells a silent motor before the cycle would miss its samples."""
+    return HandSettings(
+        period_s=config.tendons.poll_period_s,
+        opening_rate_m_s=config.squeeze.closing_rate_m_s,
+        silent_for_fault_s=SILENT_OF_AGE * config.safety.hand_age_s,
+    )
 
 
 def _motor(tendons: Tendons, motor: TendonMotor) -> MotorSettings:
