@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: demo test check bench setup clean
+.PHONY: demo test check bench verdict setup clean
 .DELETE_ON_ERROR:
 
 demo: setup
@@ -37,6 +37,11 @@ bench: setup
 	$(BIN)/python -m benchmarks.bench_motors
 	$(BIN)/python -m benchmarks.bench_motor_bus
 	$(BIN)/python -m benchmarks.bench_tactile
+
+# The figures of docs/index.md and docs/contact.md: the best part of an hour of two cores.
+verdict: setup
+	$(BIN)/python -m benchmarks.index_study --write
+	$(BIN)/python -m benchmarks.contact_study --write
 
 setup: $(STAMP)
 

@@ -198,8 +198,8 @@ class Cycle(_Table, frozen=True):
 
 class Compensation(_Table, frozen=True):
     """Which index drives the compensation, and the limits of the wrist's offset. `index`: "auto" is fused, or excursion
-    where the hand file has tendons that do not stretch. `tendon_stiffness_uncertainty`:
-    relative standard deviation of the hand file's tendon stiffness; a braided line's is known to 30 %, unless measured.
+    where the hand file has tendons that do not stretch, or with RX-28 motors. `tendon_stiffness_uncertainty`: relative
+    standard deviation of the hand file's tendon stiffness; a braided line's is known to 30 %, unless measured.
     """
 
     enabled: bool

@@ -39,6 +39,8 @@ from drivers.wam.bus import CanBus
 from drivers.wam.parameters import WamParameters, load_wam_parameters
 
 SILENT_OF_AGE = 0.7
+COARSE_TICK_M = 3e-5
+"""Between the RX-28's ticks on a T42's spool, 54 µm, and all others', 16 µm."""
 INDEX_NAMES = {
     "excursion": CompensationIndex.EXCURSION,
     "load": CompensationIndex.LOAD,
@@ -172,11 +174,13 @@ def motor_drives(config: RobotConfig) -> tuple[MotorDrive, MotorDrive]:
 
 def index_name(config: RobotConfig) -> str:
     """The index that the installation goes by. "auto": fused, as no hand file knows its tendons' stiffness well; but
-    excursion with tendons that do not stretch, of which the load knows nothing better (docs/index.md)."""
+    excursion with tendons that do not stretch, of which the load knows nothing better, and with motors whose ticks are
+    so coarse that they beat against the samples and show a wrong load (docs/index.md)."""
     if config.compensation.index != "auto":
         return config.compensation.index
     elastic = any(math.isfinite(finger.tendon_stiffness_N_per_m) for finger in configured_hand(config).fingers)
-    return "fused" if elastic else "excursion"
+    coarse = index_settings(config).tick_m > COARSE_TICK_M
+    return "fused" if elastic and not coarse else "excursion"
 
 
 def index_settings(config: RobotConfig) -> IndexSettings:

@@ -25,6 +25,7 @@ from controller.service.assembly import index_name
 from controller.service.commands import COMMANDS, make_command
 from controller.service.requests import Plan, Planner, Step, grasp_wrist_pose
 from controller.service.table_shelf import TableShelf
+from drivers.dynamixel.control_tables import MODELS, RX_28
 from drivers.errors import CommandError
 from drivers.wam.parameters import load_wam_parameters
 
@@ -216,7 +217,11 @@ def test_the_index_follows_the_tendons(tmp_path: Path) -> None:
     elastic = tmp_path / "t42pp.toml"
     elastic.write_text(text.replace("tendon_stiffness_N_per_m = inf", "tendon_stiffness_N_per_m = 4.5e4"), "utf-8")
     assert index_name(load_config()) == "excursion"
-    assert index_name(load_config(overrides={"hand": {"file": str(elastic)}})) == "fused"
+    hand = {"file": str(elastic)}
+    assert index_name(load_config(overrides={"hand": hand})) == "fused"
+    for model in MODELS.values():
+        wanted = "excursion" if model is RX_28 else "fused"  # its ticks beat against the samples: docs/index.md
+        assert index_name(load_config(overrides={"hand": hand, "tendons": {"model": model.name}})) == wanted
     assert index_name(load_config(overrides={"compensation": {"index": "load"}})) == "load"
 
 
