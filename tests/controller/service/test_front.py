@@ -1,141 +1,15 @@
-"""The front between clients and a cycle that the tests play, on one virtual clock and in-memory links."""
+"""The front between clients and a cycle that the tests play."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 import pytest
 
-from calibration.build import build_table
-from calibration.grasp.specification import GraspSpec
-from calibration.hand.parameters import load_hand
-from calibration.motion_table import MotionTable
-from calibration.objects import load_object
-from controller.config import load_config
-from controller.messages import CYCLE_RECORD, CommandKind, CycleCommand, CycleEvent, EventKind, Reason
-from controller.service.command_socket import MemoryCommandSocket, MemoryConnection
-from controller.service.front import Front, FrontLinks, Outlets
-from controller.service.links import LatestReader, LatestSender, OrderedReader, OrderedSender, VirtualLink
-from controller.service.requests import Planner
-from controller.service.table_shelf import TableShelf
-from controller.service.telemetry import MemoryStateOutlet
-from drivers.clock import VirtualClock
-
-HAND = load_hand("t42pp", preset="fitted")
-TABLE = build_table(HAND, load_object("cylinder40"), GraspSpec(), nodes=9)
-PERIOD_NS = 2_000_000
-PLACE: dict[str, Any] = {"object_xyz_m": [0.7, 0.0, 0.5]}
-COMMANDS_WAITING = 4
-
-
-class Recorder:
-    """Keeps what it is given."""
-
-    def __init__(self) -> None:
-        self.cycles: list[tuple[float, int]] = []
-        self.events: list[str] = []
-
-    def record_cycle(self, record: dict[str, Any], time_ns: int) -> None:
-        self.cycles.append((record["cycle"], time_ns))
-
-    def event(self, event: dict[str, Any], time_ns: int) -> None:
-        self.events.append(event["event"])
-
-
-class Office:
-    """A front with its links; the test is client and cycle."""
-
-    def __init__(self, tables: Path) -> None:
-        self.clock = VirtualClock()
-        self.commands = VirtualLink(self.clock, self.clock, capacity=COMMANDS_WAITING)
-        self.event_link = VirtualLink(self.clock, self.clock)
-        records = VirtualLink(self.clock, self.clock)
-        self._to_front = OrderedSender(self.event_link)
-        self._records = LatestSender(records)
-        self._from_front = OrderedReader(self.commands)
-        self.socket = MemoryCommandSocket(self.clock)
-        self.publisher, self.recorder = MemoryStateOutlet(), Recorder()
-        self.idled: list[int] = []
-        self.said: list[str] = []
-        config = load_config()
-        shelf = TableShelf(tables, HAND)
-        self.planner = Planner(config, shelf)
-        outlets = Outlets(
-            self.socket, self.publisher, self.recorder, self._idle_arm, self.said.append, wall_time_s=lambda: 7.0
-        )
-        links = FrontLinks(OrderedSender(self.commands), OrderedReader(self.event_link), LatestReader(records))
-        self.front = Front(self.clock, links, outlets, self.planner, shelf)
-        self.client = self.connect()
-        self.cycle = 0
-
-    def _idle_arm(self) -> str:
-        self.idled.append(self.clock.now_ns())
-        return "is asked for idle"
-
-    def connect(self) -> MemoryConnection:
-        return self.socket.connect(self.clock)
-
-    def beat(self, times: int = 1, *, record: bool = True) -> None:
-        """Cycles pass; each sends a record, unless it is silent."""
-        for _ in range(times):
-            self.clock.advance_to_ns(self.clock.now_ns() + PERIOD_NS)
-            self.cycle += 1
-            if record:
-                values = np.zeros(CYCLE_RECORD.length)
-                values[CYCLE_RECORD.slices["cycle"]] = self.cycle
-                self._records.send(values.tobytes(), self.clock.now_ns())
-            self.front.step()
-
-    def ask(self, command: str, seq: int = 1, deadline_s: float | None = None, **args: Any) -> None:
-        request: dict[str, Any] = {"v": 1, "seq": seq, "command": command, "args": args}
-        if deadline_s is not None:
-            request["deadline_s"] = deadline_s
-        self.client.send(msgspec.msgpack.encode(request))
-        self.beat()
-
-    def heard(self) -> list[CycleCommand]:
-        """What the cycle has been sent since the last time; tables' descriptors are closed."""
-        commands = []
-        while (message := self._from_front.receive()) is not None:
-            for descriptor in message.descriptors:
-                os.close(descriptor)
-            commands.append(CycleCommand.unpack(message.payload))
-        return commands
-
-    def tell(self, kind: EventKind, token: int, reason: Reason = Reason.NONE, *values: float) -> None:
-        self._to_front.send(CycleEvent(kind, token, self.cycle, reason, values).pack(), self.clock.now_ns())
-        self.beat()
-
-    def answers(self, connection: MemoryConnection | None = None) -> list[dict[str, Any]]:
-        answers = []
-        while (data := (connection or self.client).take()) is not None:
-            answers.append(msgspec.msgpack.decode(data))
-        return answers
-
-    def only_answer(self) -> dict[str, Any]:
-        (answer,) = self.answers()
-        return answer
-
-
-@pytest.fixture(scope="module")
-def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    directory = tmp_path_factory.mktemp("tables")
-    TABLE.save(directory / "mug.npz")
-    header = msgspec.structs.replace(TABLE.header, hand={**TABLE.header.hand, "name": "another"})
-    MotionTable(header, TABLE.arrays).save(directory / "stranger.npz")
-    return directory
-
-
-@pytest.fixture
-def office(tables: Path) -> Office:
-    office = Office(tables)
-    office.beat()
-    return office
+from controller.messages import CommandKind, EventKind, Reason
+from tests.controller.service.front_office import PLACE, TABLE, Office
 
 
 def test_a_fast_command_is_answered_when_the_cycle_has_done_it(office: Office) -> None:
@@ -318,85 +192,6 @@ def test_an_index_is_chosen_only_once_the_cycle_has_it(office: Office) -> None:
     assert again.values != command.values
 
 
-def dies(office: Office) -> None:
-    office.event_link.close()
-    office.beat(2, record=False)
-
-
-def falls_silent(office: Office) -> None:
-    office.beat(9, record=False)
-    assert office.idled == []
-    office.beat(5, record=False)
-
-
-@pytest.mark.parametrize("lose", [dies, falls_silent])
-def test_a_lost_cycle_has_its_arm_idled_once(office: Office, lose: Callable[[Office], None]) -> None:
-    """Dead or silent for 20 ms: the safety puck is asked for idle, everybody is told, and what was under way fails."""
-    other = office.connect()
-    other.send(msgspec.msgpack.encode({"v": 1, "seq": 1, "command": "hello", "args": {}}))
-    office.ask("arm.move_joints", seq=4, joint_rad=[0.0] * 7)
-    (command,) = office.heard()
-    office.tell(EventKind.ACCEPTED, command.token)
-    office.answers()
-    office.answers(other)
-    lose(office)
-    assert len(office.idled) == 1
-    fault, failed = office.answers()
-    assert (fault["event"], fault["code"]) == ("fault", "cycle_lost")
-    assert "is asked for idle" in fault["message"]
-    assert (failed["event"], failed["seq"], failed["error"]["code"]) == ("failed", 4, "cycle_lost")
-    assert [answer["event"] for answer in office.answers(other)] == ["fault"]
-    assert any("cycle_lost" in text or "arm" in text for text in office.said)
-    office.beat(100, record=False)
-    assert len(office.idled) == 1
-    office.ask("arm.hold", seq=5)
-    assert office.only_answer()["error"]["code"] == "cycle_lost"
-    office.ask("status", seq=6)
-    assert "is asked for idle" in office.only_answer()["result"]["cycle_lost"]
-
-
-def test_a_cycle_that_has_ended_is_not_lost(office: Office) -> None:
-    """After an orderly stop nobody is alarmed by its silence."""
-    office.front.shut_down()
-    (command,) = office.heard()
-    assert command.kind is CommandKind.SHUTDOWN
-    office.tell(EventKind.STOPPED, 0)
-    office.event_link.close()
-    office.beat(50, record=False)
-    assert office.front.stopped
-    assert office.idled == []
-
-
-def test_a_fault_is_told_to_every_client(office: Office) -> None:
-    """Whoever has spoken to the daemon hears of a fault, with what to do; so does the log."""
-    other = office.connect()
-    for connection in (office.client, other):
-        connection.send(msgspec.msgpack.encode({"v": 1, "seq": 1, "command": "hello", "args": {}}))
-    office.beat()
-    for connection in (office.client, other):
-        office.answers(connection)
-    office.tell(EventKind.FAULT, 0, Reason.COLLISION)
-    for connection in (office.client, other):
-        (event,) = office.answers(connection)
-        assert (event["event"], event["seq"], event["code"]) == ("fault", None, "collision")
-        assert event["help"]
-    assert office.said
-    assert office.recorder.events == ["fault"]
-
-
-def test_a_full_link_refuses_and_recovers(office: Office) -> None:
-    """A cycle that does not listen makes the front say so, not wait; afterwards all is as before."""
-    for seq in range(COMMANDS_WAITING + 1):
-        office.ask("arm.hold", seq=seq)
-    answer = office.only_answer()
-    assert (answer["seq"], answer["ok"]) == (COMMANDS_WAITING, False)
-    assert len(office.heard()) == COMMANDS_WAITING
-    office.ask("arm.hold", seq=50)
-    (command,) = office.heard()
-    office.tell(EventKind.COMPLETED, command.token)
-    assert office.only_answer()["ok"] is True
-
-
 def test_answers_at_once_what_it_knows(office: Office) -> None:
     """Hello and tables need no cycle; the state is the newest record's."""
     office.ask("hello")
@@ -429,19 +224,3 @@ def test_handing_tables_over_leaks_no_descriptor(office: Office) -> None:
         office.tell(EventKind.ACCEPTED, command.token)
         office.tell(EventKind.COMPLETED, command.token)
     assert len(os.listdir("/proc/self/fd")) == before
-
-
-def test_a_warning_is_told_once_and_stays_in_the_status(office: Office) -> None:
-    """Who connects later must find out too what is amiss with a device; twenty at most, the newest."""
-    office.ask("hello")
-    office.only_answer()
-    for _ in range(2):
-        office.front.warn("hand_motor", "tendon motor 1 is hot.")
-    told = office.only_answer()
-    assert (told["event"], told["code"], told["message"]) == ("warning", "hand_motor", "tendon motor 1 is hot.")
-    for number in range(25):
-        office.front.warn("hand_motor", f"number {number}.")
-    office.answers()
-    office.ask("status", seq=2)
-    warnings = office.only_answer()["result"]["warnings"]
-    assert [warning["message"] for warning in warnings] == [f"number {number}." for number in range(5, 25)]
