@@ -12,7 +12,7 @@ from __future__ import annotations
 from controller.cycle.grasping import Grasping
 from controller.cycle.orders import Orders
 from controller.cycle.outcome import Outcome
-from controller.cycle.safety import HAND_REASONS, SafetyMonitor
+from controller.cycle.safety import HAND_RANKS, SafetyMonitor
 from controller.messages import EventKind, HandFault, HandState, Reason
 
 WELL_CYCLES = 500
@@ -47,8 +47,8 @@ class HandSupervision:
         if hand is None:
             return
         astray = grasping.compensated and grasping.following.astray and orders.fault is Reason.NONE
-        reason = self._safety.hand(age_s, hand.fault | (HandFault.ASTRAY if astray else HandFault.NONE))
-        rank, is_hot = HAND_REASONS.index(reason), reason is Reason.HAND_HOT
+        reason = self._safety.hand(age_s, hand.fault | HandFault.ASTRAY if astray else hand.fault)
+        rank, is_hot = HAND_RANKS[reason], reason is Reason.HAND_HOT
         orders.hand_fault = Reason.NONE if is_hot else reason
         self._well_cycles = 0 if rank else self._well_cycles + 1
         if self._well_cycles >= WELL_CYCLES:
@@ -77,5 +77,5 @@ class HandSupervision:
             return reason
         if self._was_astray:
             return Reason.HAND_NOT_FOLLOWING
-        self._known = HAND_REASONS.index(reason)
+        self._known = HAND_RANKS[reason]
         return Reason.NONE

@@ -37,6 +37,7 @@ _HAND_FAULTS = (
 """What the hand process says is wrong, the worst first."""
 HAND_REASONS = (Reason.NONE, *(reason for _, reason in reversed(_HAND_FAULTS)))
 """What can be wrong with the hand, from nothing to the worst; one of them only the cycle can see."""
+HAND_RANKS = {reason: rank for rank, reason in enumerate(HAND_REASONS)}
 
 
 @dataclass(frozen=True)
@@ -106,6 +107,8 @@ class SafetyMonitor:
         """Age of the newest hand sample and what the hand process says is wrong."""
         if age_s is None or age_s > self._limits.hand_age_s:
             fault |= HandFault.NO_REPLY
+        if not fault:  # as ever: flags are slow to compare
+            return Reason.NONE
         named = (reason for bits, reason in _HAND_FAULTS if fault & bits == bits)
         return next(named, Reason.NONE)
 
