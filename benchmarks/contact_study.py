@@ -118,7 +118,8 @@ def _millimetres(pair_m: Any) -> tuple[float, float]:
 
 def report(rows: dict[str, Row], models: Sequence[str]) -> str:
     """The tables as Markdown."""
-    return "\n\n".join((_found(rows, models), _others(rows, models), _wrong(rows, models), _pads(rows)))
+    parts = [_found(rows, models), _others(rows, models), _wrong(rows, models)]
+    return "\n\n".join([*parts, _pads(rows)] if Trial().model in models else parts)
 
 
 def _found(rows: dict[str, Row], models: Sequence[str]) -> str:
