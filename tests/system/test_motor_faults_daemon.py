@@ -3,7 +3,7 @@ cleared, and what let go brought up again.
 
 One daemon goes through all of them; faults are typed at its pendant. Real time, so nothing here asserts how long
 something took, and every wait has a generous end. A machine that stalls may give the cycle other faults before the
-object is held: then it is tried again.
+object is held: then it is tried again, and given up where it misses periods by the percent.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ from tests.system.test_wam_faults_daemon import Operator
 
 pytestmark = pytest.mark.slow
 ATTEMPTS = 3
+KEEPS_TIME = 0.01
+"""Part of the periods that a machine may miss and still be one that a robot could be run on."""
 LASTS_S = 1.5
 YIELD_M = 2e-4
 """What a tendon gives way when its motor's watchdog holds it without the lead that the load needs."""
@@ -48,19 +50,22 @@ def test_faults_of_the_motors_are_named_held_and_cleared(config: RobotConfig, sy
             daemon = installation.start(*options).wait_ready()
             with closing(daemon.client()) as client:
                 operator = Operator(daemon, client)
-                operator.make_ready()
                 try:
+                    operator.make_ready()
                     grip(client, config, symmetric_case)
-                except (CommandError, NoReplyError) as error:
-                    interrupted.append(f"{error}\n{daemon.messages()}")
-                    continue
-                for action, codes in HELD:
-                    hold_through(operator, action, codes)
-                carry_on_with_an_error(operator)
-                bring_up_again(operator)
-                warn_of_an_open_hand(operator)
-                return
-    pytest.fail("no grasp came about in real time: " + "\n".join(interrupted))
+                    for action, codes in HELD:
+                        hold_through(operator, action, codes)
+                    carry_on_with_an_error(operator)
+                    bring_up_again(operator)
+                    warn_of_an_open_hand(operator)
+                    return
+                except (AssertionError, CommandError, NoReplyError) as error:
+                    cycle = client.status()["state"]["cycle"]
+                    missed = cycle["missed_periods"] / max(cycle["number"] + cycle["missed_periods"], 1)
+                    if missed < KEEPS_TIME:
+                        raise
+                    interrupted.append(f"{missed:.0%} of the periods missed: {error}")
+    pytest.skip("this machine does not keep time; on virtual time these faults are tested: " + "; ".join(interrupted))
 
 
 def cause(operator: Operator, action: dict[str, Any], for_s: float | None = None) -> None:
