@@ -1,11 +1,8 @@
 """Weights on cords: the plant in which a spool winds against a constant tension, to calibrate a load law on.
 
-Each spool turns an inertia against the gear's Coulomb friction and a cord of some stiffness, at the end of which a mass
-hangs freely: wound evenly, tension = mass × g; a mass that is put on carelessly bounces. Positive angle = pulled in.
-Semi-implicit Euler; friction stops a spool, it never drives it. Stiffness and damping of the cord are assumptions
-(30 cm of braided line; a bounce dies within a second or two).
-
-Gear friction: dynamixel reference 3.3.
+Each spool (`spools.py`) pulls a cord of some stiffness, at the end of which a mass hangs freely: wound evenly, tension
+is mass × g; a mass that is put on carelessly bounces. Stiffness and damping of the cord are assumptions (30 cm of
+braided line; a bounce dies within a second or two).
 """
 
 from __future__ import annotations
@@ -14,6 +11,7 @@ import math
 from collections.abc import Sequence
 
 from drivers.errors import InputError
+from drivers.simulated.spools import Spools
 
 GRAVITY_M_S2 = 9.80665
 CORD_N_PER_M = 2.0e4
@@ -21,8 +19,8 @@ DAMPING_RATIO = 0.03
 LARGEST_MASS_KG = 50.0
 
 
-class HangingWeights:
-    """One cord per entry of `mass_kg`; 0 = nothing hangs there. Implements `TendonPlant`."""
+class HangingWeights(Spools):
+    """One cord per entry of `mass_kg`; 0 = nothing hangs there."""
 
     def __init__(
         self,
@@ -33,19 +31,11 @@ class HangingWeights:
         spool_radius_m: float = 0.0105,
         cord_N_per_m: float = CORD_N_PER_M,
     ) -> None:
-        for value, name in ((inertia_kgm2, "inertia"), (spool_radius_m, "spool radius"), (cord_N_per_m, "stiffness")):
-            if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"hanging weights with {name} {value}; expected a number above 0.")
-        if not (math.isfinite(friction_Nm) and friction_Nm >= 0.0):
-            raise InputError(f"hanging weights with friction {friction_Nm} N·m; expected a number not below 0.")
-        self._friction_Nm = friction_Nm
-        self._inertia_kgm2 = inertia_kgm2
-        self._radius_m = spool_radius_m
-        self._stiffness_N_per_m = cord_N_per_m
+        if not (math.isfinite(cord_N_per_m) and cord_N_per_m > 0.0):
+            raise InputError(f"hanging weights with stiffness {cord_N_per_m}; expected a number above 0.")
         count = len(mass_kg)
-        self._angle_rad = [0.0] * count
-        self._velocity_rad_s = [0.0] * count
-        self._torque_Nm = [0.0] * count
+        super().__init__(count, spool_radius_m=spool_radius_m, friction_Nm=friction_Nm, inertia_kgm2=inertia_kgm2)
+        self._stiffness_N_per_m = cord_N_per_m
         self._mass_kg = [0.0] * count
         self._height_m = [0.0] * count
         self._rise_m_s = [0.0] * count
@@ -61,15 +51,6 @@ class HangingWeights:
         self._height_m[motor] = self._radius_m * self._angle_rad[motor] - stretch_m + drop_m
         self._rise_m_s[motor] = 0.0
 
-    def shaft_angle_rad(self, motor: int) -> float:
-        return self._angle_rad[motor]
-
-    def shaft_velocity_rad_s(self, motor: int) -> float:
-        return self._velocity_rad_s[motor]
-
-    def set_shaft_torque_Nm(self, motor: int, torque: float) -> None:
-        self._torque_Nm[motor] = torque
-
     def tension_N(self, motor: int) -> float:
         """True tension of a cord; it only pulls."""
         mass_kg = self._mass_kg[motor]
@@ -82,15 +63,9 @@ class HangingWeights:
         return max(0.0, pulled_N) if stretch_m > 0.0 else 0.0
 
     def step(self, period_s: float) -> None:
-        """Move all on by `period_s`, at most about 1 ms."""
-        friction_rad_s = period_s * self._friction_Nm / self._inertia_kgm2
-        for motor, torque_Nm in enumerate(self._torque_Nm):
-            tension_N = self.tension_N(motor)
-            net_Nm = torque_Nm - self._radius_m * tension_N
-            free_rad_s = self._velocity_rad_s[motor] + period_s * net_Nm / self._inertia_kgm2
-            braked_rad_s = math.copysign(max(0.0, abs(free_rad_s) - friction_rad_s), free_rad_s)
-            self._velocity_rad_s[motor] = braked_rad_s
-            self._angle_rad[motor] += period_s * braked_rad_s
-            if mass_kg := self._mass_kg[motor]:
+        """Move all on by `period_s`, at most about 1 ms: the masses rise and fall by what their cords pull with."""
+        for motor, mass_kg in enumerate(self._mass_kg):
+            tension_N = self._turn(motor, period_s)
+            if mass_kg:
                 self._rise_m_s[motor] += period_s * (tension_N / mass_kg - GRAVITY_M_S2)
                 self._height_m[motor] += period_s * self._rise_m_s[motor]
