@@ -14,17 +14,15 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import dynamixel_sdk
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.simulated_device import simulated_device
 from controller.messages import HandFault, HandSetPoint, HandState
 from controller.service.hand import HandPart, HandSettings
 from controller.service.links import LatestReader, LatestSender, socket_links
@@ -63,30 +61,14 @@ def main(arguments: list[str] | None = None) -> None:
 
 def measure(model: MotorModel, baud: int, duration_s: float) -> dict[str, Any]:
     """All figures of one model."""
-    with simulated(model, baud) as path:
+    ids = ["--ids", *map(str, IDS)]
+    with simulated_device("dynamixel", "--model", model.name, "--baud", str(baud), *ids) as told:
+        path = told["port"]
         figures = {"model": model.name, "baud": baud, "driver": driver(path, model, baud, duration_s)}
         for rate_hz in POLL_HZ:
             figures[f"hand_at_{rate_hz}_hz"] = hand(path, model, baud, duration_s, rate_hz)
         figures["sdk"] = vendor_sdk(path, model, duration_s)
     return figures
-
-
-@contextlib.contextmanager
-def simulated(model: MotorModel, baud: int) -> Iterator[str]:
-    """Path of the pseudo terminal with two motors behind it."""
-    program = str(Path(sys.executable).with_name("stillgrasp"))
-    command = [program, "simulate", "dynamixel", "--model", model.name, "--baud", str(baud), "--json", "--ids"]
-    command += map(str, IDS)
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout is not None
-        line = process.stdout.readline()
-        if not line:
-            raise SystemExit(f"`{' '.join(command)}` did not start.")
-        yield json.loads(line)["port"]
-    finally:
-        process.terminate()
-        process.wait()
 
 
 @contextlib.contextmanager

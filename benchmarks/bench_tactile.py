@@ -10,19 +10,15 @@ time; on a real bridge libusb's waiting comes in the place of the socket's. Noth
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
-import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.simulated_device import simulated_device
 from controller.pad_messages import PadOrder, PadState
 from controller.service.links import LatestReader, LatestSender, socket_links
 from controller.service.tactile import TactilePart
@@ -50,28 +46,14 @@ def main(arguments: list[str] | None = None) -> None:
         show(results, Console())
 
 
-@contextlib.contextmanager
-def simulated(firmware: str) -> Iterator[str]:
-    """The socket of a bridge in a process of its own."""
-    program = str(Path(sys.executable).with_name("stillgrasp"))
-    with tempfile.TemporaryDirectory(prefix="sg-") as directory:
-        command = [program, "simulate", "takktile", "--firmware", firmware, "--json", "--channel", f"{directory}/pads"]
-        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True)
-        try:
-            assert process.stdout is not None
-            line = process.stdout.readline()
-            if not line:
-                raise SystemExit(f"`{' '.join(command)}` did not start.")
-            yield json.loads(line)["channel"]
-        finally:
-            process.terminate()
-            process.wait()
-
-
 def measure(firmware: str, period_s: float, duration_s: float) -> dict[str, Any]:
     """All figures of one bridge."""
     clock = MonotonicClock()
-    with simulated(firmware) as path:
+    with (
+        tempfile.TemporaryDirectory(prefix="sg-") as directory,
+        simulated_device("takktile", "--firmware", firmware, "--channel", f"{directory}/pads") as told,
+    ):
+        path = told["channel"]
         cycle, cycle_end = socket_links()
         front, front_end = socket_links()
         right, left = (nominal([cell.cell for cell in two_fingers() if cell.finger == i]) for i in (0, 1))
