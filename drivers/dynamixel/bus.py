@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, TypeVar
 
+from drivers.dynamixel.port import WaitingPort
 from drivers.errors import BusError, DeviceError, NoReplyError, ProtocolError
 
 BROADCAST = 0xFE
@@ -124,9 +125,22 @@ def motor_name(motor_id: int) -> str:
     return f"tendon motor {motor_id}"
 
 
-def not_sent(instruction: int, result: int) -> BusError:
-    """The SDK did not send a request."""
-    return BusError("tendon motor bus", f"request 0x{instruction:02X} was not sent (SDK code {result}).")
+class PacketSender(Protocol):
+    """What sends with either protocol's packet handler of the SDK; a packet is a list of byte values."""
+
+    def txPacket(self, port: WaitingPort, txpacket: list[int]) -> int:
+        """Complete the packet (header, stuffing, CRC or checksum), send it; 0 or a negative SDK code."""
+        ...
+
+
+def transmit(handler: PacketSender, port: WaitingPort, packet: list[int], instruction: int) -> None:
+    """Let the SDK complete a packet, in place, and send it. BusError: line gone, or the SDK refuses."""
+    try:
+        result = handler.txPacket(port, packet)
+    finally:
+        port.is_using = False  # the SDK leaves it set when the line throws
+    if result != COMM_SUCCESS:
+        raise BusError("tendon motor bus", f"request 0x{instruction:02X} was not sent (SDK code {result}).")
 
 
 def failed_reply(motor_id: int, request: str, packet: Sequence[int], result: int, expected: str) -> DeviceError:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from drivers.clock import Clock, MonotonicClock
-from drivers.dynamixel.bus import MotorBus, PingAnswer, motor_name
+from drivers.dynamixel.bus import MotorBus, PingAnswer, motor_name, persistently
 from drivers.dynamixel.byte_line import ByteLine, SerialLine
 from drivers.dynamixel.control_tables import MODELS, MotorModel, model_by_number
 from drivers.dynamixel.motor import TendonMotor, is_alone
@@ -24,7 +24,6 @@ PROTOCOLS = (2, 1)
 SCAN_ADVICE = (
     "Check power and cable; `stillgrasp calibrate motors --scan` looks for motors of other ids and baud rates."
 )
-_ATTEMPTS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,24 +147,19 @@ def reboot(port: WaitingPort, clock: Clock, motor_id: int) -> MotorModel:
 
 
 def _ask(bus: MotorBus, motor_id: int) -> PingAnswer | None:
-    """A ping, once more if it was lost or damaged; None if there is silence. ProtocolError for damage alone."""
+    """A ping; None if there is silence. ProtocolError for damage that comes again."""
     if motor_id > bus.maximum_id:
         return None
-    damage: ProtocolError | None = None
-    for _ in range(_ATTEMPTS):
-        try:
-            return bus.ping(motor_id)
-        except NoReplyError:
-            continue
-        except ProtocolError as error:
-            damage = error
-    if damage is not None:
+    try:
+        return persistently(lambda: bus.ping(motor_id))
+    except NoReplyError:
+        return None
+    except ProtocolError as error:
         raise ProtocolError(
-            damage.device,
-            damage.message.split(": ", 1)[-1],
+            error.device,
+            error.message.split(": ", 1)[-1],
             help="Two motors may have this id, or the cable is bad: connect one motor at a time.",
-        )
-    return None
+        ) from error
 
 
 def _missing(motor_id: int, bus: MotorBus, port: WaitingPort) -> DeviceError:

@@ -24,12 +24,13 @@ from drivers.dynamixel.bus import (
     SYNC_WRITE,
     WRITE,
     PackedRequests,
+    PacketSender,
     PingAnswer,
     Status,
     failed_reply,
     motor_name,
-    not_sent,
     sync_write_parameters,
+    transmit,
 )
 from drivers.dynamixel.control_tables import PROTOCOL_1_ALARMS
 from drivers.dynamixel.port import WaitingPort
@@ -41,12 +42,8 @@ ERROR_NAMES = {0x02: "angle limit", 0x08: "range", 0x10: "checksum", 0x40: "inst
 _STATUS_OVERHEAD = 6  # FF FF id length error … checksum
 
 
-class PacketHandler(Protocol):
+class PacketHandler(PacketSender, Protocol):
     """What is used of the SDK's packet handler; a packet is a list of byte values."""
-
-    def txPacket(self, port: WaitingPort, txpacket: list[int]) -> int:
-        """Add header and checksum, send; 0 or a negative SDK code."""
-        ...
 
     def rxPacket(self, port: WaitingPort) -> tuple[list[int], int]:
         """The next packet, and 0 or a negative SDK code."""
@@ -114,12 +111,7 @@ class Protocol1Bus:
             self._port.writePort(packet)
         else:
             packet = [0, 0, motor_id, len(parameters) + 2, instruction, *parameters, 0]
-            try:
-                result = self._handler.txPacket(self._port, packet)
-            finally:
-                self._port.is_using = False  # the SDK leaves it set when the line throws
-            if result != COMM_SUCCESS:
-                raise not_sent(instruction, result)
+            transmit(self._handler, self._port, packet, instruction)
             self._requests.keep(motor_id, instruction, parameters, packet)
         self._sent = packet
         self._port.setPacketTimeout(reply_bytes)

@@ -28,12 +28,13 @@ from drivers.dynamixel.bus import (
     SYNC_WRITE,
     WRITE,
     PackedRequests,
+    PacketSender,
     PingAnswer,
     Status,
     failed_reply,
     motor_name,
-    not_sent,
     sync_write_parameters,
+    transmit,
 )
 from drivers.dynamixel.port import WaitingPort
 from drivers.errors import BusError, DeviceError, ProtocolError
@@ -68,12 +69,8 @@ def _crc_table() -> tuple[int, ...]:
 _CRC_TABLE = _crc_table()
 
 
-class PacketHandler(Protocol):
+class PacketHandler(PacketSender, Protocol):
     """What is used of the SDK's packet handler; a packet is a list of byte values."""
-
-    def txPacket(self, port: WaitingPort, txpacket: list[int]) -> int:
-        """Stuff, add header and CRC, send; 0 or a negative SDK code."""
-        ...
 
     def rxPacket(self, port: WaitingPort, fast_option: bool) -> tuple[list[int], int]:
         """The next status packet, unstuffed unless `fast_option`, and 0 or a negative SDK code."""
@@ -195,12 +192,7 @@ class Protocol2Bus:
         else:
             length = len(parameters) + 3
             packet = [0, 0, 0, 0, motor_id, length & 0xFF, length >> 8, instruction, *parameters, 0, 0]
-            try:
-                result = self._handler.txPacket(self._port, packet)
-            finally:
-                self._port.is_using = False  # the SDK leaves it set when the line throws
-            if result != COMM_SUCCESS:
-                raise not_sent(instruction, result)
+            transmit(self._handler, self._port, packet, instruction)
             self._requests.keep(motor_id, instruction, parameters, packet)
         self._port.setPacketTimeout(reply_bytes)
 
