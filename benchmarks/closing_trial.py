@@ -22,7 +22,7 @@ from calibration.motion_table import MotionTable
 from calibration.objects import load_object
 from controller.config import RobotConfig, Tactile, load_config
 from controller.service.assembly import configured_hand
-from controller.simulation.demo_cases import OBJECT, approach_joints, demo_cases, table_name
+from controller.simulation.demo_cases import OBJECT, approach_joints, demo_cases, preposition, table_name
 from controller.simulation.truth import WorldObserver
 from controller.simulation.virtual_robot import VirtualRobot
 from controller.simulation.world import World
@@ -113,13 +113,7 @@ def run(trial: Trial, directory: Path) -> Closing:
     watch.observer = WorldObserver(robot.world, configured_hand(config))
     robot.activate()
     with robot.client() as client:
-        client.grasp_preposition(
-            table_name(case),
-            object_xyz_m=case.object_xyz_m,
-            object_yaw_rad=case.object_yaw_rad,
-            approach_m=APPROACH_M,
-            speed=1.0,
-        ).wait()
+        preposition(client, case)
         watch.begin()
         told: dict[str, Any] = {}
         outcome = "contact"

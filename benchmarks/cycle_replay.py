@@ -32,7 +32,7 @@ from controller.messages import CommandKind, CycleCommand
 from controller.service.assembly import cycle_parts
 from controller.service.links import LatestReader, LatestSender, OrderedReader, OrderedSender, SocketLink, socket_links
 from controller.simulation import virtual_robot
-from controller.simulation.demo_cases import GraspCase, approach_joints, table_name
+from controller.simulation.demo_cases import GraspCase, approach_joints, preposition, table_name
 from controller.simulation.virtual_robot import VirtualRobot
 from drivers.clock import Clock, VirtualClock
 from drivers.simulated.can_hub import MemoryCanBus
@@ -120,13 +120,7 @@ def record(config: RobotConfig, case: GraspCase) -> Recording:
     robot.activate()
     robot.run_for(0.1)
     client = robot.client()
-    client.grasp_preposition(
-        table_name(case),
-        object_xyz_m=case.object_xyz_m,
-        object_yaw_rad=case.object_yaw_rad,
-        approach_m=0.02,
-        speed=1.0,
-    ).wait()
+    preposition(client, case, approach_m=0.02)
     client.grasp_close().wait()
     first = robot.cycle.number
     client.grasp_squeeze(load_N=LOAD_N, duration_s=SQUEEZE_S).wait()

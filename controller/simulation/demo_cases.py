@@ -157,6 +157,17 @@ def run_case(config: RobotConfig, case: GraspCase, watch: Watch, *, index: str, 
         )
 
 
+def preposition(client: Client, case: GraspCase, *, table: str | None = None, approach_m: float = APPROACH_M) -> None:
+    """Bring the hand before the case's object, open; `table`: another one's name. CommandError."""
+    client.grasp_preposition(
+        table or table_name(case),
+        object_xyz_m=case.object_xyz_m,
+        object_yaw_rad=case.object_yaw_rad,
+        approach_m=approach_m,
+        speed=1.0,
+    ).wait()
+
+
 def command_grasp(
     client: Client,
     case: GraspCase,
@@ -172,13 +183,7 @@ def command_grasp(
     client.hello("demo")
     client.compensation_set(compensated, index=cast(IndexName, index))
     client.arm_move_joints(joints_rad, speed=1.0).wait()
-    client.grasp_preposition(
-        table_name(case),
-        object_xyz_m=case.object_xyz_m,
-        object_yaw_rad=case.object_yaw_rad,
-        approach_m=APPROACH_M,
-        speed=1.0,
-    ).wait()
+    preposition(client, case)
     before_close()
     client.grasp_close().wait()
     squeezed = client.grasp_squeeze(load_N=LOAD_N, duration_s=SQUEEZE_S).wait()

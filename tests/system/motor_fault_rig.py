@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from calibration.motion_table import MotionTable
 from controller.config import RobotConfig
 from controller.service.assembly import configured_hand
-from controller.simulation.demo_cases import GraspCase, approach_joints, table_name
+from controller.simulation.demo_cases import GraspCase, approach_joints, preposition, table_name
 from controller.simulation.truth import WorldObserver, WorldTruth
 from controller.simulation.virtual_robot import VirtualRobot
 from controller.simulation.world import World
@@ -183,13 +183,7 @@ class Robot:
     def _to_open(self) -> None:
         self.virtual.activate()
         case = self._case
-        self.client.grasp_preposition(
-            table_name(case),
-            object_xyz_m=case.object_xyz_m,
-            object_yaw_rad=case.object_yaw_rad,
-            approach_m=0.02,
-            speed=1.0,
-        ).wait()
+        preposition(self.client, case, approach_m=0.02)
 
     def _to_closing(self) -> None:
         self._closing = self.client.grasp_close()

@@ -21,7 +21,7 @@ from controller.config import RobotConfig
 from controller.messages import CYCLE_RECORD
 from controller.service.assembly import configured_hand
 from controller.service.commands import MAXIMUM_REQUEST_BYTES
-from controller.simulation.demo_cases import GraspCase, approach_joints, table_name
+from controller.simulation.demo_cases import GraspCase, approach_joints, preposition, table_name
 from controller.simulation.truth import WorldObserver, WorldTruth
 from controller.simulation.virtual_robot import VirtualRobot
 from drivers.clock import VirtualClock
@@ -66,13 +66,7 @@ class Robot:
         self.press = self.virtual.press
         self.virtual.activate()
         self.client: Client = self.virtual.client()
-        self.client.grasp_preposition(
-            table_name(case),
-            object_xyz_m=case.object_xyz_m,
-            object_yaw_rad=case.object_yaw_rad,
-            approach_m=0.02,
-            speed=1.0,
-        ).wait()
+        preposition(self.client, case, approach_m=0.02)
         self.client.grasp_close().wait()
         self.client.grasp_squeeze(load_N=40.0, duration_s=0.6).wait()
         self.run_for(0.1)

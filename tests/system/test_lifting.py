@@ -13,7 +13,7 @@ from calibration.grasp.specification import GraspSpec
 from calibration.objects import load_object
 from controller.config import load_config
 from controller.service.assembly import configured_hand
-from controller.simulation.demo_cases import APPROACH_M, GraspCase, approach_joints
+from controller.simulation.demo_cases import GraspCase, approach_joints, preposition
 from controller.simulation.demo_report import Track
 from controller.simulation.virtual_robot import VirtualRobot
 
@@ -45,13 +45,7 @@ def test_a_heavy_object_is_lifted_without_a_sag(tmp_path: Path, symmetric_case: 
     with robot.client() as client:
         client.hello("test")
         client.arm_move_joints(approach_joints(config, table, symmetric_case), speed=1.0).wait()
-        client.grasp_preposition(
-            "glass",
-            object_xyz_m=symmetric_case.object_xyz_m,
-            object_yaw_rad=symmetric_case.object_yaw_rad,
-            approach_m=APPROACH_M,
-            speed=1.0,
-        ).wait()
+        preposition(client, symmetric_case, table="glass")
         client.grasp_close().wait()
         client.grasp_squeeze(load_N=80.0, duration_s=1.0).wait()
         track.watching = True

@@ -9,14 +9,13 @@ from __future__ import annotations
 import tempfile
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from calibration.motion_table import MotionTable
 from controller.client import Client
 from controller.config import RobotConfig
-from controller.simulation.demo_cases import APPROACH_M, GraspCase, approach_joints, table_name
+from controller.simulation.demo_cases import GraspCase, approach_joints, preposition, table_name
 from drivers.errors import CommandError, NoReplyError
 from tests.system.daemon_rig import Installation
 from tests.system.test_wam_faults_daemon import Operator
@@ -86,9 +85,8 @@ def scene(case: GraspCase) -> list[str]:
 def grip(client: Client, config: RobotConfig, case: GraspCase) -> None:
     """Until the object is held. CommandError, NoReplyError if something came between."""
     table = MotionTable.load(Path(config.tables.directory) / f"{table_name(case)}.npz")
-    where: dict[str, Any] = {"object_xyz_m": case.object_xyz_m, "object_yaw_rad": case.object_yaw_rad}
     client.arm_move_joints(approach_joints(config, table, case), speed=1.0).wait()
-    client.grasp_preposition(table_name(case), **where, approach_m=APPROACH_M, speed=1.0).wait()
+    preposition(client, case)
     client.grasp_close().wait()
     client.grasp_squeeze(load_N=LOAD_N, duration_s=1.0).wait()
     client.grasp_hold()

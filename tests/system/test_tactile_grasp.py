@@ -17,7 +17,7 @@ from controller.config import RobotConfig, Tactile
 from controller.service.assembly import configured_hand
 from controller.service.recorder import Recorder
 from controller.service.tactile_assembly import configured_pads
-from controller.simulation.demo_cases import GraspCase, approach_joints, table_name
+from controller.simulation.demo_cases import GraspCase, approach_joints, preposition, table_name
 from controller.simulation.scene import build_devices
 from controller.simulation.truth import WorldObserver
 from controller.simulation.virtual_robot import VirtualRobot
@@ -63,13 +63,7 @@ class Robot:
 
     def close(self, rate_m_s: float) -> NDArray[np.float64]:
         """Preposition and close; the excursions that were found, (2,)."""
-        self.client.grasp_preposition(
-            table_name(self.case),
-            object_xyz_m=self.case.object_xyz_m,
-            object_yaw_rad=self.case.object_yaw_rad,
-            approach_m=0.02,
-            speed=1.0,
-        ).wait()
+        preposition(self.client, self.case, approach_m=0.02)
         self.touched.clear()
         return np.array(self.client.grasp_close(rate_m_s=rate_m_s).wait()["contact_excursion_m"])
 

@@ -11,7 +11,7 @@ import pytest
 from calibration.motion_table import MotionTable
 from controller.config import RobotConfig, Tactile
 from controller.service.assembly import configured_hand
-from controller.simulation.demo_cases import GraspCase, approach_joints, table_name
+from controller.simulation.demo_cases import GraspCase, approach_joints, preposition, table_name
 from controller.simulation.truth import WorldObserver
 from controller.simulation.virtual_robot import VirtualRobot
 from controller.simulation.world import World
@@ -47,13 +47,7 @@ def test_one_pad_alone_is_one_sided_contact(config: RobotConfig, symmetric_case:
     observer = WorldObserver(virtual.world, configured_hand(config))
     virtual.activate()
     client = virtual.client()
-    client.grasp_preposition(
-        table_name(symmetric_case),
-        object_xyz_m=symmetric_case.object_xyz_m,
-        object_yaw_rad=symmetric_case.object_yaw_rad,
-        approach_m=0.02,
-        speed=1.0,
-    ).wait()
+    preposition(client, symmetric_case, approach_m=0.02)
     with pytest.raises(CommandError) as refused:
         client.grasp_close(rate_m_s=0.02).wait()
     assert refused.value.code == "one_sided_contact"

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from calibration.motion_table import MotionTable
 from controller.config import RobotConfig
-from controller.simulation.demo_cases import GraspCase, approach_joints, table_name
+from controller.simulation.demo_cases import GraspCase, approach_joints, preposition, table_name
 from controller.simulation.virtual_robot import VirtualRobot
 from controller.simulation.world import World
 from drivers.clock import nanoseconds
@@ -171,13 +171,7 @@ class Robot:
         self.virtual.press("activate")
         self.virtual.run_for(0.1)
         case = self._case
-        self.client.grasp_preposition(
-            table_name(case),
-            object_xyz_m=case.object_xyz_m,
-            object_yaw_rad=case.object_yaw_rad,
-            approach_m=0.02,
-            speed=1.0,
-        ).wait()
+        preposition(self.client, case, approach_m=0.02)
         self.client.grasp_close().wait()
         self.client.grasp_squeeze(load_N=66.0, duration_s=1.6)
         self.virtual.run_for(0.4)
