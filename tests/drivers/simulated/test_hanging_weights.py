@@ -66,5 +66,5 @@ def test_no_such_mass(mass_kg: float) -> None:
 @pytest.mark.parametrize("key", ["friction_Nm", "inertia_kgm2", "spool_radius_m", "cord_N_per_m"])
 def test_no_such_spool(key: str) -> None:
     """NaN in a plant would spread."""
-    with pytest.raises(InputError, match="(hanging weights|spools) with"):
+    with pytest.raises(InputError, match=r"(hanging weights|spools) with"):
         HangingWeights((1.0,), **{"friction_Nm": 0.1, "inertia_kgm2": 0.01, key: math.nan})
