@@ -109,10 +109,10 @@ class MotorBus(Protocol):
         ...
 
 
-def persistently(act: Callable[[], T]) -> T:
-    """Ask again, up to `ATTEMPTS` times, where an answer was lost or damaged; only what may be asked twice. One
+def persistently(act: Callable[[], T], attempts: int = ATTEMPTS) -> T:
+    """Ask again, up to `attempts` times, where an answer was lost or damaged; only what may be asked twice. One
     bad answer is no reason to refuse a motor. The last failure is raised, and a BusError at once."""
-    for _ in range(ATTEMPTS - 1):
+    for _ in range(attempts - 1):
         try:
             return act()
         except (NoReplyError, ProtocolError):

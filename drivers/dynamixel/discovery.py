@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from drivers.clock import Clock, MonotonicClock
-from drivers.dynamixel.bus import MotorBus, PingAnswer, motor_name, persistently
+from drivers.dynamixel.bus import ATTEMPTS, MotorBus, PingAnswer, motor_name, persistently
 from drivers.dynamixel.byte_line import ByteLine, SerialLine
 from drivers.dynamixel.control_tables import MODELS, MotorModel, model_by_number
 from drivers.dynamixel.motor import TendonMotor, is_alone
@@ -21,6 +21,8 @@ from drivers.errors import BusError, DeviceError, InputError, NoReplyError, Prot
 
 SCAN_BAUDS = (57_600, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 115_200)
 PROTOCOLS = (2, 1)
+SCAN_ATTEMPTS = 2
+"""Nearly every question of a scan meets silence, and each costs two margins."""
 SCAN_ADVICE = (
     "Check power and cable; `stillgrasp calibrate motors --scan` looks for motors of other ids and baud rates."
 )
@@ -113,7 +115,7 @@ def scan(
 ) -> list[FoundMotor]:
     """Ask every id in both protocols at every baud rate; `progress(baud, protocol)` is called before each round.
 
-    Some 15 s for all of it. Raises BusError if the port cannot be opened, InputError.
+    About a minute for all of it. Raises BusError if the port cannot be opened, InputError.
     """
     protocols, motor_ids = tuple(protocols), tuple(motor_ids)
     clock = clock or MonotonicClock()
@@ -146,12 +148,12 @@ def reboot(port: WaitingPort, clock: Clock, motor_id: int) -> MotorModel:
     raise NoReplyError(motor_name(motor_id), f"no reply at {port.getBaudRate()} bit/s.", help=SCAN_ADVICE)
 
 
-def _ask(bus: MotorBus, motor_id: int) -> PingAnswer | None:
+def _ask(bus: MotorBus, motor_id: int, attempts: int = ATTEMPTS) -> PingAnswer | None:
     """A ping; None if there is silence. ProtocolError for damage that comes again."""
     if motor_id > bus.maximum_id:
         return None
     try:
-        return persistently(lambda: bus.ping(motor_id))
+        return persistently(lambda: bus.ping(motor_id), attempts)
     except NoReplyError:
         return None
     except ProtocolError as error:
@@ -187,7 +189,7 @@ def _model(answer: PingAnswer, motor: MotorSettings) -> MotorModel:
 
 def _found(bus: MotorBus, motor_id: int, baud: int) -> FoundMotor | None:
     try:
-        answer = _ask(bus, motor_id)
+        answer = _ask(bus, motor_id, SCAN_ATTEMPTS)
     except BusError:
         raise
     except ProtocolError:

@@ -157,8 +157,9 @@ def _check_model(motor: MotorAccess, number: int) -> None:
 def _check_alone(motor: MotorAccess) -> None:
     if not is_alone(motor.bus, motor.motor_id, motor.model):
         raise motor.error(
-            "does not seem to be alone: its answers are damaged, or come twice.",
-            "Two motors have this id, or the cable is bad. Connect one motor at a time and give each its own id.",
+            "does not seem to be alone: its answers are damaged, come twice, or too late.",
+            "Two motors have this id, the cable is bad, or the adapter keeps answers back (its latency timer should be "
+            "1 ms). Connect one motor at a time and give each its own id.",
         )
 
 

@@ -158,7 +158,7 @@ _XM430: tuple[Case, ...] = (
     row(
         "answers 16 ms late: a latency timer that was not set",
         fault(Late(by_s=0.016), for_s=LASTING),
-        start=refuses("ProtocolError", "reply to ping"),
+        start=refuses("DeviceError", "too late"),
         running=SILENT,
         after="clear",
     ),
