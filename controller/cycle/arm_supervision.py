@@ -59,6 +59,7 @@ class ArmSupervision:
     ) -> None:
         """`silent_cycles` without a whole reading are a fault; why they are missing is asked before."""
         self._arm = arm
+        self._silent_cycles = silent_cycles
         self._suspicious_cycles = max(1, silent_cycles - _QUESTIONS)
         self._operator = operator if operator is not None else Operator()
         self._say = say
@@ -151,7 +152,8 @@ class ArmSupervision:
         if self._starting:
             return Reason.BUSY
         needed = self._needed
-        if sample is None or not sample.complete or self._arm.mode is ArmMode.OFFLINE:
+        silent = sample is None or sample.incomplete_cycles >= self._silent_cycles  # one lost reply is no silent arm
+        if silent or self._arm.mode is ArmMode.OFFLINE:
             needed = max(needed, Recovery.START)
         if needed is not Recovery.NOTHING:
             if needed is Recovery.START and self._arm.mode is ArmMode.ESTOP:

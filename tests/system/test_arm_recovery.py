@@ -11,12 +11,14 @@ import pytest
 
 from controller.client import Client
 from controller.config import RobotConfig
+from controller.messages import Reason
 from controller.simulation.scene import Scene
 from controller.simulation.virtual_robot import VirtualRobot
 from drivers.errors import CommandError
 from drivers.simulated.arm_faults import BrownOut, SetProperty, Silence, Supply
 from drivers.simulated.can_fault_actions import BusOff, QueueFull, Unplug
 from drivers.simulated.faults import Fault, FaultScript
+from drivers.wam.arm import ArmSample
 from drivers.wam.parameters import load_wam_parameters
 
 HOME = tuple(load_wam_parameters().home_rad.tolist())
@@ -162,6 +164,28 @@ def test_silent_pucks_are_named_and_recover_without_a_start(lab: Lab) -> None:
     lab.client.fault_clear()
     lab.activate()
     assert lab.state() == ("active", "")
+
+
+def test_a_reply_lost_just_when_a_fault_is_cleared_starts_no_arm(lab: Lab) -> None:
+    """Protects the operator from a refused `fault.clear`: one reading that is not whole is not a silent arm."""
+    lab.has(Silence(nodes=(2, 6)), for_s=0.05)
+    lab.robot.run_for(0.2)
+    assert lab.state() == ("idle", "arm_silent")
+    supervision = lab.robot.cycle._supervision
+    recover, found = supervision.recover, []
+
+    def watched(sample: ArmSample | None) -> Reason:
+        found.append(sample.incomplete_cycles if sample is not None else None)
+        return recover(sample)
+
+    supervision.recover = watched  # type: ignore[method-assign]
+    for n in range(8):  # four cycles in five; only five in a row are a silent arm
+        lab.robot.add_fault(Fault(action=Silence(nodes=(4,)), at_s=0.003 + 0.01 * n, for_s=0.0085))
+    began = lab.robot.cycle.number
+    lab.client.fault_clear()
+    assert 0 < (found[0] or 0) < 5
+    assert lab.robot.cycle.number - began < 20
+    assert lab.state() == ("idle", "")
 
 
 def test_a_queue_that_was_full_resumes_with_fresh_torques(lab: Lab) -> None:
