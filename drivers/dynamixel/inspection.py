@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from drivers.dynamixel.bus import MotorBus, persistently
+from drivers.dynamixel.bus import ATTEMPTS, MotorBus, persistently
 from drivers.dynamixel.control_tables import (
     EXTENDED_POSITION_MODE,
     POSITION_MODE,
@@ -242,7 +242,12 @@ def _angle_mode(motor: MotorAccess, holds: bool) -> tuple[str, tuple[int, int], 
 
 def is_alone(bus: MotorBus, motor_id: int, model: MotorModel) -> bool:
     """Whether one motor answers to this id. Two answer a ping alike, but a position into each other's words; or one
-    after the other, if their delays differ. NoReplyError, BusError."""
+    after the other, if their delays differ. They do so always: what a pause of this machine made late comes in time
+    when it is asked again. NoReplyError, BusError."""
+    return any(_answers_cleanly(bus, motor_id, model) for _ in range(ATTEMPTS))
+
+
+def _answers_cleanly(bus: MotorBus, motor_id: int, model: MotorModel) -> bool:
     register = model.registers["present_position"]
     damaged, silence = 0, []
     for _ in range(_CLEAN_READS):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import count
 from typing import Any
 
 import pytest
@@ -185,6 +186,15 @@ def test_an_answer_that_comes_twice_is_two_motors(rig_of: RigOf) -> None:
     rig.line.spoil = lambda answer: answer + answer
     with pytest.raises(DeviceError, match="does not seem to be alone"):
         motor.inspect()
+
+
+@pytest.mark.parametrize("doubled", range(1, 8))
+def test_an_answer_that_comes_twice_once_is_no_second_motor(rig_of: RigOf, doubled: int) -> None:
+    """A pause of the machine lets an answer to an earlier question be found behind a later one."""
+    motor, _, rig = make(rig_of, 1020, 2)
+    reads = count(1)
+    rig.line.spoil = lambda answer: answer + answer if next(reads) == doubled else answer
+    assert motor.inspect().identity.refusal == ""
 
 
 def test_a_moving_motor_is_not_taken_up(rig_of: RigOf) -> None:
