@@ -28,7 +28,7 @@ from controller.cycle.lifted_load import LiftedLoad
 from controller.cycle.orders import Orders
 from controller.cycle.outcome import Outcome
 from controller.cycle.pacer import Pacer
-from controller.cycle.safety import SafetyMonitor, governor
+from controller.cycle.safety import SafetyMonitor, attention, governor
 from controller.messages import (
     CommandKind,
     CycleCommand,
@@ -118,7 +118,7 @@ class Cycle:
         self._hand_sample_ns = 0
         self._sample: ArmSample | None = None
         self._torque = np.zeros(7)
-        self._governor = 1.0
+        self._governor = self._arm_seen = 1.0
         self._commands = CommandQueue(links.commands, parts.grasping)
         self._hand_supervision = HandSupervision(parts.safety, parts.grasping, parts.orders)
         self._load = LiftedLoad(parts.model, parts.motion, parts.grasping, parts.settings.period_s)
@@ -217,8 +217,9 @@ class Cycle:
     def _grasp(self, now_ns: int) -> None:
         """Wind, observe the index, look the object's motion up, smooth the opposite offset."""
         parts = self._parts
+        seen = min(self._arm_seen, attention((now_ns - self._hand_sample_ns) * 1e-9))
         grasping, smoother = parts.grasping, parts.smoother
-        set_point = grasping.step(self._hand, self._hand_sample_ns, now_ns, self._governor)
+        set_point = grasping.step(self._hand, self._hand_sample_ns, now_ns, min(self._governor, seen))
         self._links.hand_set_point.send(set_point.pack(), now_ns)
         if not (grasping.compensated and parts.orders.compensation):
             self._governor = 1.0
@@ -247,8 +248,9 @@ class Cycle:
                 parts.motion.place(self._sample.joint_rad, parts.smoother.motion)
             return
         was_moving = parts.motion.moving
-        parts.motion.step(parts.smoother.motion, 0.0 if parts.orders.stopping else 1.0)
-        if was_moving and (not parts.motion.moving or parts.motion.stop()):
+        stopping = parts.orders.stopping
+        parts.motion.step(parts.smoother.motion, 0.0 if stopping else self._arm_seen)
+        if was_moving and (not parts.motion.moving or (stopping and parts.motion.stop())):
             parts.orders.finish_arm_path()
 
     def _feel(self, now_ns: int) -> None:
@@ -256,6 +258,7 @@ class Cycle:
         parts = self._parts
         self._sample = sample = parts.arm.collect_positions(now_ns + self._reply_ns)
         self._has_read = True
+        self._arm_seen = attention(sample.age_ns * 1e-9)
         supervision = self._supervision
         supervision.ask(self.number, sample)
         silent = parts.safety.replies(sample.complete) is not Reason.NONE

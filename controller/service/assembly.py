@@ -152,17 +152,19 @@ def cycle_parts(config: RobotConfig, bus: CanBus, clock: Clock) -> Parts:
         grasping=grasping,
         orders=orders,
         smoother=OffsetSmoother(period_s, offset_limits),
-        safety=SafetyMonitor(
-            SafetyLimits(
-                tracking_error_rad=config.safety.tracking_error_rad,
-                torque_residual_Nm=config.safety.torque_residual_Nm,
-                hand_age_s=config.safety.hand_age_s,
-                offset_m=compensation.max_offset_m,
-                offset_rad=compensation.max_offset_rad,
-            ),
-            period_s,
-        ),
+        safety=SafetyMonitor(safety_limits(config), period_s),
         settings=CycleSettings(period_s=period_s),
+    )
+
+
+def safety_limits(config: RobotConfig) -> SafetyLimits:
+    """Beyond what the cycle stops."""
+    return SafetyLimits(
+        tracking_error_rad=config.safety.tracking_error_rad,
+        torque_residual_Nm=config.safety.torque_residual_Nm,
+        hand_age_s=config.safety.hand_age_s,
+        offset_m=config.compensation.max_offset_m,
+        offset_rad=config.compensation.max_offset_rad,
     )
 
 

@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 from controller.config import RobotConfig
 from controller.cycle.attentive_clock import AttentiveClock
 from controller.cycle.cycle import Cycle, CycleLinks, Parts
 from controller.cycle.pads import PadWatch
-from controller.cycle.safety import SafetyLimits, SafetyMonitor
+from controller.cycle.safety import SafetyMonitor
 from controller.messages import CommandKind, CycleCommand
-from controller.service.assembly import arm_parameters, cycle_parts
+from controller.service.assembly import arm_parameters, cycle_parts, safety_limits
 from controller.service.assignment import Assignment
 from controller.service.beginning import find, wait_for_go
 from controller.service.lifeline import Lifeline, Word
@@ -119,9 +120,8 @@ def _loop(cycle: Cycle, parts: Parts, events: SurvivingEvents, stop: StopRequest
 def _parts(config: RobotConfig, bus: PythonCanBus, clock: Clock, simulated: bool) -> Parts:
     parts = cycle_parts(config, bus, clock)
     if simulated:
-        limits = SafetyLimits(
-            offset_m=config.compensation.max_offset_m,
-            offset_rad=config.compensation.max_offset_rad,
+        limits = replace(
+            safety_limits(config),
             silent_cycles=round(SIMULATED_PAUSE_S / config.cycle.period_s),
             residual_time_s=SIMULATED_PAUSE_S,
         )

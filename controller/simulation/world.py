@@ -134,6 +134,12 @@ class World:
                     "world", f"the physics diverged before {self._time_ns} ns.", help="Check the torques."
                 )
 
+    def pass_over(self, duration_ns: int) -> None:
+        """Let time pass in which nothing happens. InputError if it is negative."""
+        if duration_ns < 0:
+            raise InputError(f"duration_ns = {duration_ns} is not accepted; expected at least 0.")
+        self._time_ns += duration_ns
+
     # Arm
 
     def joint_position_rad(self) -> NDArray[np.float64]:

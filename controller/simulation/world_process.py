@@ -24,6 +24,7 @@ from controller.service.stop_requests import StopRequests
 from controller.simulation.device_loop import DeviceLoop, HasFileno
 from controller.simulation.fault_file import motor_fault, pad_fault, wam_fault
 from controller.simulation.pendant_lines import MOTORS, PADS
+from controller.simulation.physics_pace import PhysicsPace
 from controller.simulation.scene import Devices, Scene, build_devices
 from controller.simulation.stepped_clock import SteppedClock
 from drivers.clock import nanoseconds
@@ -39,6 +40,8 @@ from drivers.wam.parameters import load_wam_parameters
 
 PATIENT = SafetySettings(heartbeat_s=0.5, velocity_samples=3)
 """The simulated safety puck's patience: shared machines stall, and an idle arm is no use to anybody."""
+REACH_PERIODS = 1.5
+"""Of the cycle, that the physics goes under the same torques before it waits."""
 LONGEST_END_S = 6.0
 _BELOW_CYCLE = 30
 """A device answers in time whatever else its machine does; below hand and cycle, which wait for it. An arm whose
@@ -68,7 +71,9 @@ def run_world(assignment: Assignment, lifeline: Lifeline, stop: StopRequests) ->
         if config.tactile is not None and devices.pads is not None:
             pads = TakktileServer(config.tactile.channel, devices.pads, clock)
             stack.callback(pads.close)
-        _loop(devices, hub, pty, pads, clock, lifeline, stop)
+        reach_ns = nanoseconds(REACH_PERIODS * config.cycle.period_s)
+        pace = PhysicsPace(devices.world, lambda: devices.wam.torque_ns, reach_ns)
+        _loop(devices, pace, hub, pty, pads, clock, lifeline, stop)
     return 0
 
 
@@ -96,6 +101,7 @@ def simulated_devices(
 
 def _loop(
     devices: Devices,
+    pace: PhysicsPace,
     hub: SeqpacketHub,
     pty: PtyServer,
     pads: TakktileServer | None,
@@ -108,7 +114,7 @@ def _loop(
 
     served: list[SeqpacketHub | PtyServer | TakktileServer] = [hub, pty, *([] if pads is None else [pads])]
     loop = DeviceLoop(
-        clock, devices.world.advance_to, served, lambda: [number for bus in served for number in bus.filenos()], say
+        clock, pace.advance_to, served, lambda: [number for bus in served for number in bus.filenos()], say
     )
     lifeline.say(Word.READY)
     ending_ns = 0

@@ -124,12 +124,18 @@ class SimulatedWam:
             for motor in self._motors:
                 motor.know_positions()
         self._driven: tuple[object, ...] = ()
+        self._torque_ns: int | None = None
         self._drive_plant(start_ns)
 
     @property
     def mode(self) -> int:
         """The safety puck's MODE: 0 E-stop, 1 idle, 2 active."""
         return self._safety.mode
+
+    @property
+    def torque_ns(self) -> int | None:
+        """When an active arm was last told its torques; None while it is not active, or was told none yet."""
+        return self._torque_ns if self.mode == SAFETY_ACTIVE else None
 
     # --- the bus
 
@@ -278,6 +284,7 @@ class SimulatedWam:
         hearers = self._hearing(group, now_ns)
         taken = [puck.take_torque(number, values) for puck in hearers if isinstance(puck, MotorPuck)]
         if any(taken):
+            self._torque_ns = now_ns
             self._drive_plant(now_ns)
         if self._safety not in hearers or number != self._torque_number:
             return []

@@ -38,6 +38,7 @@ from tests.system.motor_fault_matrix import (
     END,
     GOES_ON,
     STARTS,
+    WAITS,
     Case,
     holds,
     lets_go,
@@ -64,7 +65,7 @@ _XM430: tuple[Case, ...] = (
     # --- packets that are lost
     row("one answer lost", fault(Drop()), closing=GOES_ON, holding=GOES_ON, adoption=STARTS),
     row("three answers lost", fault(Drop(), for_frames=3), start=None),
-    row("answers lost for 50 ms", fault(Drop(), for_s=0.05), start=NOBODY, closing=GOES_ON, holding=GOES_ON),
+    row("answers lost for 50 ms", fault(Drop(), for_s=0.05), start=NOBODY, closing=WAITS, holding=GOES_ON),
     row("one motor silent for 30 ms", fault(Silence(motors=(2,)), for_s=0.03), start=None),
     row(
         "answers lost",

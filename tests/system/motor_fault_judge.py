@@ -24,6 +24,7 @@ SLACK_M = 2.5e-4
 """What a tendon gives way when its motor's watchdog holds it without the lead of its goal."""
 SAME_M = 1e-4
 """Between a robot that goes on and one without the fault."""
+LONGEST_WAIT_S = 0.06
 BESIDE_M = 2e-4
 """What a sound motor gives way when the other one lets go: its load changes."""
 SOFTNESS = {"XM430-W350": 1.0, "MX-28": 3.0, "XL430-W250": 4.0}
@@ -99,6 +100,17 @@ def goes_on(case: Case, cell: Cell, watch: Watch, usual: Watch) -> None:
     assert watch.pulls.all()
     np.testing.assert_allclose(watch.spool_m[-1], usual.spool_m[-1], atol=SAME_M)
     assert watch.looks[-1].gripped == usual.looks[-1].gripped
+
+
+def waited(case: Case, cell: Cell, watch: Watch, usual: Watch) -> None:
+    """As if nothing had been, but later: both spools are where they usually were one wait before."""
+    assert watch.phase == usual.phase
+    assert watch.pulls.all()
+    waits_s = np.arange(0.0, LONGEST_WAIT_S, 1e-3)
+    before = [np.interp(usual.time_s[-1] - waits_s, usual.time_s, spool_m) for spool_m in usual.spool_m.T]
+    off_m = np.abs(np.array(before).T - watch.spool_m[-1]).max(axis=1)
+    assert off_m.min() < SAME_M
+    assert waits_s[off_m.argmin()] > 0.0
 
 
 def warned(case: Case, cell: Cell, watch: Watch, usual: Watch) -> None:
@@ -192,6 +204,7 @@ def sound_motors(case: Case) -> list[int]:
 
 CHECKS: dict[str, Check] = {
     "goes on": goes_on,
+    "waits": waited,
     "warns": warned,
     "stops": stopped,
     "holds": held,

@@ -17,7 +17,7 @@ XM = "XM430-W350"
 WATCH_S = 0.3
 REST_S = 0.4
 """Until a motor that had been given up is asked again, or a line that is back is opened."""
-Kind = Literal["starts", "refuses", "goes on", "warns", "stops", "holds", "slackens", "lets go", "opens"]
+Kind = Literal["starts", "refuses", "goes on", "waits", "warns", "stops", "holds", "slackens", "lets go", "opens"]
 After = Literal["", "clear", "open", "restart"]
 
 
@@ -39,6 +39,8 @@ class Cell:
 
 
 GOES_ON, STARTS = Cell("goes on"), Cell("starts")
+WAITS = Cell("waits")
+"""Winding stands while nothing is heard of the motors, and goes on."""
 
 
 def warns(code: str, within_s: float = 0.1) -> Cell:
@@ -118,7 +120,7 @@ def _text(cell: Cell | None) -> str:
     limit = f"≤ {cell.within_s * 1e3:.0f} ms"
     if cell.kind == "refuses":
         return f"refused: “{cell.says}”"
-    if cell.kind in ("goes on", "starts"):
+    if cell.kind in ("goes on", "waits", "starts"):
         return cell.kind
     text = {
         "warns": f"told {limit}",

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controller.cycle.compensation import STILL, PlanarMotion
-from controller.cycle.safety import SafetyLimits, SafetyMonitor, governor
+from controller.cycle.safety import SafetyLimits, SafetyMonitor, attention, governor
 from controller.messages import HandFault, Reason
 
 LIMITS = SafetyLimits()
@@ -123,6 +123,15 @@ def test_governor_never_gives_more_for_less(
     worst = governor(more_lag, scale, more_speed, 0.06)
     assert 0.0 <= worst <= best <= 1.0
     assert worst * more_speed <= 0.06 + 1e-12
+
+
+@given(st.floats(0.0, 1.0), st.floats(0.0, 1.0))
+def test_what_is_not_seen_is_not_moved_on(age_s: float, older_s: float) -> None:
+    """Full pace on samples of 15 ms, none on samples of 30 ms, and never more on older ones."""
+    age_s, older_s = sorted((age_s, older_s))
+    assert 0.0 <= attention(older_s) <= attention(age_s) <= 1.0
+    assert attention(0.0065) == attention(0.015) == 1.0
+    assert attention(0.03) == attention(10.0) == 0.0
 
 
 def test_governor_stops_winding_at_a_millimetre() -> None:

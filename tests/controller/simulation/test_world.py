@@ -174,6 +174,23 @@ def test_torque_takes_effect_when_its_time_has_come() -> None:
     assert world.joint_velocity_rad_s()[0] - before > 4e-3
 
 
+def test_time_passed_over_is_not_lived_through() -> None:
+    """A world that waits for its controller: its clock goes on, arm and spools do not, and then it is as if not."""
+    waiting, other = make_world(), make_world()
+    for world in (waiting, other):
+        world.advance_to(SECOND // 20)
+    stood_rad = waiting.joint_position_rad()
+    waiting.pass_over(SECOND)
+    assert waiting.time_ns == other.time_ns + SECOND
+    assert (waiting.joint_position_rad() == stood_rad).all()
+    waiting.advance_to(SECOND + SECOND // 10)
+    other.advance_to(SECOND // 10)
+    assert (waiting.joint_position_rad() == other.joint_position_rad()).all()
+    assert (other.joint_position_rad() != stood_rad).any()
+    with pytest.raises(InputError, match="at least 0"):
+        waiting.pass_over(-1)
+
+
 def test_braking_lets_the_arm_sink_slowly() -> None:
     """Idle pucks short their motors: the arm sinks, it does not drop."""
     world = make_world()
