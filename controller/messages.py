@@ -201,6 +201,7 @@ class Reason(IntEnum):
     TABLE_END_REACHED = 24
     OFF_CENTRE = 25
     HAND_NOT_OPEN = 26
+    WOUND_SHORT = 27
     ARM_SILENT = 40
     ARM_IDLED = 41
     TRACKING_ERROR = 43

@@ -86,6 +86,11 @@ EXPLANATIONS: Final[dict[Reason, Explanation]] = {
     Reason.TABLE_END_REACHED: Explanation(
         "table_end_reached", "The motion table's end came first; both tendons stopped.", "The excursion is reported."
     ),
+    Reason.WOUND_SHORT: Explanation(
+        "wound_short",
+        "The motors have wound less than they were told to.",
+        "The excursion reached is reported. A low supply, or a position loop weaker than tendons.right/left say.",
+    ),
     Reason.OFF_CENTRE: Explanation(
         "off_centre",
         "One finger touched well before the other and pushed the object.",

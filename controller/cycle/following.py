@@ -26,6 +26,15 @@ class FollowingWatch:
     def __init__(self) -> None:
         self._wanted: deque[tuple[int, Pair, Pair]] = deque()
         self._astray = 0
+        self._spool_m: Pair = (0.0, 0.0)
+
+    @property
+    def short_m(self) -> float:
+        """By how much less the spools are wound than they are wanted now, on average."""
+        if not self._wanted:
+            return 0.0
+        (_, wanted, _), spool = self._wanted[-1], self._spool_m
+        return 0.5 * (wanted[0] - spool[0] + wanted[1] - spool[1])
 
     @property
     def astray(self) -> bool:
@@ -46,6 +55,7 @@ class FollowingWatch:
 
     def take(self, spool_m: Pair) -> None:
         """Where a sample has them."""
+        self._spool_m = spool_m
         self._astray = self._astray + 1 if any(self._is_astray(finger, spool_m[finger]) for finger in (0, 1)) else 0
 
     def _is_astray(self, finger: int, spool_m: float) -> bool:

@@ -18,12 +18,12 @@ from controller.cycle.grasp_state import COMPENSATED, GRIPPING, GraspEvent, Gras
 from controller.cycle.hand_opening import HandOpening
 from controller.cycle.load_cap import LoadCap, LoadCapWatch
 from controller.cycle.motion_index import IndexReading, IndexSettings, MotionIndex
-from controller.cycle.motor_drive import MotorDrive, sign, towards
+from controller.cycle.motor_drive import MotorDrive, Supply, sign, towards
 from controller.cycle.outcome import Outcome
 from controller.cycle.pads import PadWatch
 from controller.cycle.planar_table import PlanarTable, finger_excursion_m
 from controller.cycle.winding import WindingLimits, WindingProfile
-from controller.messages import CompensationIndex, EventKind, HandMode, HandSetPoint, HandState, Pair, Reason
+from controller.messages import CompensationIndex, EventKind, HandMode, HandSetPoint, HandState, Reason
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,7 @@ class GraspSettings:
     contact_rate_m_s: float = 0.001  # near the expected contact: found within few samples, and the arm starts gently
     contact_zone_m: float = 1.2e-3
     search_end_m: float = 1.1e-3  # contact is given up this far past the expected one
+    short_m: float = 0.15e-3  # that the spools may be behind where a squeeze was to end; tenfold what is usual
     overdue_m: float = 0.3e-3  # contact where it is expected is found by then
     release_rate_m_s: float = 0.010
     load_cap_N: float = 110.0
@@ -68,7 +69,7 @@ class Grasping:
         self.following = FollowingWatch()
         self._load_watch = LoadCapWatch(LoadCap(settings.load_cap_N))
         self._friction_sign = 0.0
-        self._supply_V: Pair = (12.0, 12.0)
+        self._supply = Supply(settings.drives)
         self._last_sample_ns = -1
         self._stop_reason: Reason | None = None
         self._set_point = HandSetPoint((0.0, 0.0), (settings.free_load_cap_N,) * 2)
@@ -142,8 +143,7 @@ class Grasping:
         self._index.start(hand)
         self._offset_at_touch = STILL.pose
         self._contact = ContactSearch(settings.search, table, self.pads)
-        right, left = settings.drives
-        self._supply_V = (right.supply_V(hand.voltage_V[0]), left.supply_V(hand.voltage_V[1]))
+        self._supply.begin(hand.voltage_V)
         start_m = 0.5 * (hand.excursion_m[0] + hand.excursion_m[1]) - table.mean_contact_m
         self._profile.place(min(start_m, 0.0))
         rate = settings.closing_rate_m_s if rate_m_s is None else rate_m_s
@@ -243,6 +243,7 @@ class Grasping:
         is_winding = self.winding.rate_m_s > 1e-6
         if sample_ns > self._last_sample_ns:
             self._last_sample_ns = sample_ns
+            self._supply.follow(hand.voltage_V, sample_ns)
             self._index.take(hand, sample_ns, now_ns, winding=is_winding)
             self.following.take(hand.excursion_m)
             at_cap = self._load_watch.reached(hand.tension_N, hand.derating, sample_ns)
@@ -288,7 +289,7 @@ class Grasping:
             finger_excursion_m(table, i, w, settings.contact_zone_m) + tension[i] * share * stretch[i] for i in (0, 1)
         )
         right_m, left_m = (
-            settings.drives[i].lead_m(tension[i] * share, rate_m_s, self._friction_sign, self._supply_V[i])
+            settings.drives[i].lead_m(tension[i] * share, rate_m_s, self._friction_sign, self._supply.volts[i])
             for i in (0, 1)
         )
         if self.phase is GraspPhase.FAULT:
@@ -378,7 +379,8 @@ class Grasping:
             assert self._index is not None
             assert self.reading is not None
             values = (self.reading.mean_m, self._index.last_winding_load_N, self.reading.load_N)
-            self._end_token(EventKind.COMPLETED, reason, values)
+            short = self.following.short_m > self._settings.short_m
+            self._end_token(EventKind.COMPLETED, reason or (Reason.WOUND_SHORT if short else reason), values)
         elif self.phase is GraspPhase.HOLDING and self._token:
             self._end_token(EventKind.FAILED, reason)
         elif self.phase is GraspPhase.RELEASING:

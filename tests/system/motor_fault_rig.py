@@ -191,11 +191,11 @@ class Robot:
 
     def _to_squeezing(self) -> None:
         self._closing.wait()
-        self._squeeze = self.client.grasp_squeeze(load_N=SQUEEZE_N, duration_s=SQUEEZE_S)
+        self.squeeze = self.client.grasp_squeeze(load_N=SQUEEZE_N, duration_s=SQUEEZE_S)
         self.virtual.run_for(0.4)
 
     def _to_holding(self) -> None:
-        self._squeeze.wait()
+        self.squeeze.wait()
         self.virtual.run_for(0.1)
 
     def _to_adoption(self) -> None:

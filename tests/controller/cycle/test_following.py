@@ -35,6 +35,15 @@ def test_a_spool_elsewhere_is_astray(finger: int, off_m: float) -> None:
     assert watch_of(0.0015, (off_m, 0.0) if finger == 0 else (0.0, off_m)).astray
 
 
+@given(rate_m_s=st.floats(-0.05, 0.05), right=st.floats(-1e-3, 1e-3), left=st.floats(-1e-3, 1e-3))
+def test_how_much_is_missing_is_known(rate_m_s: float, right: float, left: float) -> None:
+    """The mean of both spools behind where they are wanted; of spools that nobody wants anywhere, nothing."""
+    watch = watch_of(rate_m_s, (right, left))
+    assert watch.short_m == pytest.approx(-0.5 * (right + left), abs=1e-12)
+    watch.forget()
+    assert watch.short_m == 0.0
+
+
 def test_a_glitch_is_not() -> None:
     """One sample elsewhere is not yet a spool elsewhere; nor is any while nobody says where it shall be."""
     watch = watch_of(0.0, (0.0, 0.0))
