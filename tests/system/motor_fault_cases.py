@@ -159,7 +159,7 @@ _XM430: tuple[Case, ...] = (
     row(
         "answers 16 ms late: a latency timer that was not set",
         fault(Late(by_s=0.016), for_s=LASTING),
-        start=refuses("DeviceError", "too late"),
+        start=refuses("NoReplyError", "no reply to read"),
         running=SILENT,
         after="clear",
     ),
