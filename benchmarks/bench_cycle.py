@@ -72,7 +72,7 @@ def measure(repeats: int, progress: Console) -> dict[str, Any]:
         config = load_config(overrides={"tables": {"directory": name}})
         hand, thing = configured_hand(config), load_object(OBJECT)
         progress.print("building a motion table")
-        table = build_table(hand, thing, GraspSpec(onset_split=case.onset_split))
+        table = build_table(hand, thing, GraspSpec(onset_split=case.onset_split, compensated=True))
         table.save(directory / f"{table_name(case)}.npz")
         progress.print("recording a squeeze on virtual time")
         recording = record(config, case)

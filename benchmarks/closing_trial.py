@@ -95,7 +95,11 @@ def run(trial: Trial, directory: Path) -> Closing:
     case = demo_cases(0)[1 if trial.split else 0]
     path = directory / f"{table_name(case)}.npz"
     table, _ = build_or_load(
-        path, configured_hand(config), load_object(OBJECT), GraspSpec(onset_split=case.onset_split), nodes=NODES
+        path,
+        configured_hand(config),
+        load_object(OBJECT),
+        GraspSpec(onset_split=case.onset_split, compensated=True),
+        nodes=NODES,
     )
     x_axis = np.array([np.cos(case.object_yaw_rad), np.sin(case.object_yaw_rad), 0.0])
     place = np.array(case.object_xyz_m) + (trial.aside_m + (0.0 if trial.present else AWAY_M)) * x_axis

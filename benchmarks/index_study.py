@@ -84,7 +84,7 @@ def wanted(models: list[str], conditions: list[Condition]) -> Iterator[Job]:
         for model, name, carrier in OWN_RUNS
         if model in models and name in by_name
     ]
-    return iter(sorted(runs, key=lambda job: -job.condition.hold_s(job.grasp)))
+    return iter(sorted(runs, key=lambda job: -job.condition.hold_s(job.model, job.grasp)))
 
 
 def results(jobs: list[Job], processes: int, progress: Console) -> list[Cell]:

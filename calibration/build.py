@@ -60,7 +60,7 @@ def build_table(
     report = progress or (lambda _: None)
     system = grasp_system(hand, object, grasp)
     drag = None
-    if grasp.supported and object.support is not None and object.support.friction > 0:
+    if grasp.supported and not grasp.compensated and object.support is not None and object.support.friction > 0:
         limits = sliding(object)
         drag = SupportDrag(limits.force_N, limits.moment_Nm)
     columns = nodes + 1 - nodes % 2  # the equal difference is a column of its own

@@ -41,7 +41,7 @@ app = typer.Typer(
 FAILED, REFUSED = 1, 2
 ONE_TABLE = {
     *("hand", "object_", "output", "preset", "onset_split", "object_offset_m", "object_angle_deg"),
-    *("contact_friction", "load_cap_N", "supported", "branch"),
+    *("contact_friction", "load_cap_N", "supported", "compensated", "branch"),
 }
 MANY_TABLES = {"catalogue", "directory", "workers", "cluster"}
 """Options of `build` that only go without --all, and only with it."""
@@ -90,6 +90,12 @@ def build(
         bool | None,
         typer.Option("--supported/--lifted", help="Whether it drags on its support; else as the object's file says."),
     ] = None,
+    compensated: Annotated[
+        bool,
+        typer.Option(
+            "--compensated/--standing-hand", help="For the daemon: it keeps the object still, so nothing drags."
+        ),
+    ] = False,
     branch: Annotated[str, typer.Option(help="Tendons wound in, or let out again: winding, unwinding.")] = "winding",
     nodes: Annotated[int, typer.Option(help="Grid nodes per axis, 9 to 401.")] = NODES,
     all_: Annotated[bool, typer.Option("--all", help="Every case of a catalogue, on all cores.")] = False,
@@ -120,6 +126,7 @@ def build(
             "contact_friction": contact_friction,
             "load_cap_N": load_cap_N,
             "supported": taken.support is not None if supported is None else supported,
+            "compensated": compensated,
             "object_offset_m": object_offset_m,
             "object_angle_deg": object_angle_deg,
             "branch": branch,
@@ -168,7 +175,10 @@ def show(file: TableFile, as_json: AsJson = False) -> None:
         typer.echo(json.dumps(told | {"outline_angle_rad": outline_rad}))
         return
     ends = header.column_end[len(header.column_end) // 2]
-    support = f"on its support (friction {taken.support.friction:g})" if grasp.supported and taken.support else "lifted"
+    support = "lifted"
+    if grasp.supported and taken.support:
+        rubs = "kept still on it" if grasp.compensated else f"friction {taken.support.friction:g}"
+        support = f"on its support ({rubs})"
     rows = (
         ("hand", f"{hand.name}, preset {hand.preset}"),
         ("object", f"{taken.name}, {taken.mass_kg * 1e3:.0f} g, {support}"),

@@ -17,16 +17,18 @@ class GraspSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     `contact_friction`: coefficient at the fingertips, that required friction is compared with. `load_cap_N`: tendon
     load at which winding stops; None is the hand's. `supported`: the object stands on its support while it is
-    gripped, so that it drags. `object_offset_m`: how far the object's centre stands off the line between the
-    fingertips, positive away from the palm. `object_angle_deg`: counter-clockwise turn of the outline from the
-    placement in which its own x axis lies along that line. `branch`: while the tendons are wound in or let out again;
-    they differ by the friction of the tendon routing.
+    gripped, so that it drags. `compensated`: the wrist gives way so that the object stands still in the room; it then
+    does not drag, though it stands on its support. `object_offset_m`: how far the object's centre stands off the line
+    between the fingertips, positive away from the palm. `object_angle_deg`: counter-clockwise turn of the outline from
+    the placement in which its own x axis lies along that line. `branch`: while the tendons are wound in or let out
+    again; they differ by the friction of the tendon routing.
     """
 
     onset_split: Annotated[float, Meta(gt=-1, lt=1)] = 0.0
     contact_friction: Annotated[float, Meta(gt=0, le=5)] = 0.3
     load_cap_N: Annotated[float, Meta(gt=0, le=2000)] | None = None
     supported: bool = True
+    compensated: bool = False
     object_offset_m: Annotated[float, Meta(ge=-0.2, le=0.2)] = 0.0
     object_angle_deg: Annotated[float, Meta(ge=-180, le=180)] = 0.0
     branch: Literal["winding", "unwinding"] = "winding"

@@ -80,7 +80,7 @@ def case_table(config: RobotConfig, case: GraspCase, directory: Path) -> tuple[M
     """The case's motion table, built or, if its inputs are unchanged, reused (True)."""
     hand = configured_hand(config)
     directory.mkdir(parents=True, exist_ok=True)
-    grasp = GraspSpec(onset_split=case.onset_split)
+    grasp = GraspSpec(onset_split=case.onset_split, compensated=True)
     return build_or_load(directory / f"{table_name(case)}.npz", hand, load_object(OBJECT), grasp)
 
 

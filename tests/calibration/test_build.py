@@ -196,6 +196,18 @@ def test_a_supported_table_drags_from_the_first_touch_on(supported_table: Motion
     assert wrench == pytest.approx([0.0, 0.3 * 0.1 * 9.80665, 0.0], abs=1e-6)
 
 
+def test_what_stands_still_in_the_room_does_not_drag(supported_table: MotionTable) -> None:
+    """Of a compensated grasp the table is that of a lifted object, though it stands on the support it would rub on."""
+    kept_still = build_table(HAND, CYLINDER, GraspSpec(compensated=True), nodes=13)
+    lifted = build_table(HAND, CYLINDER, GraspSpec(supported=False), nodes=13)
+    for name in ("excursion.value", "load.value", "excursion.end"):
+        assert kept_still.arrays[name] == pytest.approx(lifted.arrays[name], abs=0.0, nan_ok=True)
+    assert (
+        kept_still.at_excursion(4e-3, 0.0).tension.max() < supported_table.at_excursion(4e-3, 0.0).tension.min() - 0.3
+    )
+    assert kept_still.header.inputs_sha256 not in (lifted.header.inputs_sha256, supported_table.header.inputs_sha256)
+
+
 def test_flexures_creep_on_beyond_their_stops_and_the_table_says_so() -> None:
     """Their shapes stay soft: the frozen pose moves with the load, as equilibria with stops say, to 5 µm."""
     hand = load_hand("t42ff")

@@ -123,12 +123,13 @@ def test_options_reach_the_table(tmp_path: Path) -> None:
     """Every option of the grasp is in the header of what was built, the preset in the hand's."""
     output = tmp_path / "t.npz"
     options = ["--lifted", "--preset", "nominal", "--contact-friction", "0.5", "--load-cap-N", "9", "--nodes", "9"]
+    options += ["--compensated"]
     arguments = ["build", "--hand", "t42pp", "--object", "cylinder40", *options, "-o", str(output), "--json"]
     told = json.loads(RUN.invoke(app, arguments).stdout)
     header = MotionTable.load(output).header
     assert (told["result"], told["inputs_sha256"]) == ("built", header.inputs_sha256)
     assert header.hand["preset"] == "nominal"
-    asked = {"supported": False, "contact_friction": 0.5, "load_cap_N": 9.0, "branch": "winding"}
+    asked = {"supported": False, "compensated": True, "contact_friction": 0.5, "load_cap_N": 9.0, "branch": "winding"}
     assert {key: header.grasp[key] for key in asked} == asked
 
 

@@ -42,7 +42,7 @@ def config(tmp_path_factory: pytest.TempPathFactory, symmetric_case: GraspCase, 
     directory = tmp_path_factory.mktemp("tables")
     config = load_config(overrides={"tables": {"directory": str(directory)}})
     for case in (symmetric_case, split_case):
-        grasp = GraspSpec(onset_split=case.onset_split)
+        grasp = GraspSpec(onset_split=case.onset_split, compensated=True)
         table = build_table(configured_hand(config), load_object(OBJECT), grasp, nodes=21)
         table.save(directory / f"{table_name(case)}.npz")
     return config

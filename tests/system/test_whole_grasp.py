@@ -79,12 +79,12 @@ def grasp(config: RobotConfig) -> Grasp:
 
 @pytest.mark.parametrize("name", ["symmetric_case", "split_case"])
 def test_the_object_stays_still(name: str, grasp: Grasp, request: pytest.FixtureRequest) -> None:
-    """The project's promise: of ≥ 8 mm at most a tenth is left, and of the degrees too where there were any."""
+    """The project's promise: of ≥ 8 mm at most a tenth is left, and of the degrees less still where there were any."""
     case: GraspCase = request.getfixturevalue(name)
     without, left = grasp(case, False), grasp(case, True)
     assert without.peak_mm >= 8.0
     assert left.peak_mm <= 0.1 * without.peak_mm
-    assert left.peak_deg <= (0.1 * without.peak_deg if without.peak_deg >= 1.0 else 0.2)
+    assert left.peak_deg <= (0.06 * without.peak_deg if without.peak_deg >= 1.0 else 0.2)
     if name == "split_case":
         assert without.peak_deg >= 1.0
 
