@@ -127,11 +127,11 @@ def test_governor_never_gives_more_for_less(
 
 @given(st.floats(0.0, 1.0), st.floats(0.0, 1.0))
 def test_what_is_not_seen_is_not_moved_on(age_s: float, older_s: float) -> None:
-    """Full pace on samples of 15 ms, none on samples of 30 ms, and never more on older ones."""
+    """Full pace on samples of 25 ms, none on samples of 50 ms, and never more on older ones."""
     age_s, older_s = sorted((age_s, older_s))
     assert 0.0 <= attention(older_s) <= attention(age_s) <= 1.0
-    assert attention(0.0065) == attention(0.015) == 1.0
-    assert attention(0.03) == attention(10.0) == 0.0
+    assert attention(0.0065) == attention(0.025) == 1.0
+    assert attention(0.05) == attention(10.0) == 0.0
 
 
 def test_governor_stops_winding_at_a_millimetre() -> None:
