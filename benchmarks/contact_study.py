@@ -4,8 +4,8 @@
     python -m benchmarks.contact_study --write    write them into docs/contact.md, and draw docs/contact.png
 
 Whole daemon, simulated motors and world on virtual time: the same figures on any machine. Each closing takes some
-seconds of processor time; what was run is kept in build/contact_study.jsonl, which goes stale with the code: delete it
-to run everything anew. `--models` runs a part, such as beside another process.
+seconds of processor time; what was run is kept under build/ with the state of the sources, so that an interrupted study
+goes on where it was. `--models` runs a part, such as beside another process.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from rich.progress import track
 
 from benchmarks.closing_trial import Trial, run
 from benchmarks.contact_figure import draw
+from benchmarks.sources import ROOT, sources_sha256
 
-ROOT = Path(__file__).parents[1]
-PAGE, FIGURE, KEPT = ROOT / "docs" / "contact.md", ROOT / "docs" / "contact.png", ROOT / "build" / "contact_study.jsonl"
+PAGE, FIGURE, DIRECTORY = ROOT / "docs" / "contact.md", ROOT / "docs" / "contact.png", ROOT / "build" / "contact-study"
 BEGIN, END = "<!-- contact study: begin -->", "<!-- contact study: end -->"
 
 MODELS = ("RX-28", "MX-28", "MX-28(2.0)", "XM430-W350", "XM430-W210", "XL430-W250")
@@ -86,19 +86,24 @@ def key(trial: Trial) -> str:
     return json.dumps(asdict(trial), sort_keys=True)
 
 
+def kept_file() -> Path:
+    """Where rows are kept."""
+    return DIRECTORY / f"{sources_sha256()[:16]}.jsonl"
+
+
 def kept() -> dict[str, Row]:
-    """What was run before."""
-    if not KEPT.exists():
+    """What was run before, by the sources as they are."""
+    file = kept_file()
+    if not file.exists():
         return {}
-    rows = [Row(**json.loads(line)) for line in KEPT.read_text(encoding="utf-8").splitlines()]
+    rows = [Row(**json.loads(line)) for line in file.read_text(encoding="utf-8").splitlines()]
     return {json.dumps(row.trial, sort_keys=True): row for row in rows}
 
 
 def measured(trial: Trial) -> Row:
     """Run one closing."""
-    directory = KEPT.parent / "contact_study"
-    directory.mkdir(parents=True, exist_ok=True)
-    closing = run(trial, directory)
+    DIRECTORY.mkdir(parents=True, exist_ok=True)
+    closing = run(trial, DIRECTORY)
     late_m = closing.true_m - closing.expected_m
     return Row(
         json.loads(key(trial)),
@@ -211,8 +216,8 @@ def main() -> None:
     asked = parser.parse_args()
     models: Sequence[str] = MODELS if asked.write else asked.models
     rows = kept()
-    KEPT.parent.mkdir(parents=True, exist_ok=True)
-    with KEPT.open("a", encoding="utf-8") as file:
+    DIRECTORY.mkdir(parents=True, exist_ok=True)
+    with kept_file().open("a", encoding="utf-8") as file:
         for trial in track([t for t in trials(models) if key(t) not in rows], description="closing"):
             row = rows[key(trial)] = measured(trial)
             file.write(json.dumps(asdict(row)) + "\n")

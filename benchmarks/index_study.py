@@ -13,8 +13,7 @@ Runs take some 10 s of processor time each, those that hold for a minute 90 s. N
 from __future__ import annotations
 
 import argparse
-import hashlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,10 +22,10 @@ import msgspec
 from rich.console import Console
 
 from benchmarks import index_page
+from benchmarks.sources import ROOT, sources_sha256
 from controller.simulation.index_shadows import Cell
 from controller.simulation.index_study import CONDITIONS, GRASPS, MODEL_NAMES, Condition, prepare, run_cells
 
-ROOT = Path(__file__).resolve().parent.parent
 DIRECTORY = ROOT / "build" / "index-study"
 CARRIER = "excursion"
 OWN_RUNS = (
@@ -107,20 +106,6 @@ def results(jobs: list[Job], processes: int, progress: Console) -> list[Cell]:
             done[running[finished].key] = cells
             progress.print(f"{number}/{len(missing)} {' · '.join(running[finished].key)}")
     return [cell for job in jobs for cell in done[job.key]]
-
-
-def sources_sha256() -> str:
-    """Of all that a result depends on."""
-    total = hashlib.sha256()
-    for file in sorted(_sources()):
-        total.update(str(file.relative_to(ROOT)).encode() + b"\0" + file.read_bytes() + b"\0")
-    return total.hexdigest()
-
-
-def _sources() -> Iterable[Path]:
-    for package in ("drivers", "calibration", "controller"):
-        for pattern in ("*.py", "*.toml", "*.urdf"):
-            yield from (ROOT / package).rglob(pattern)
 
 
 def _read(file: Path) -> dict[tuple[str, str, str, str], list[Cell]]:
