@@ -93,7 +93,8 @@ def run(trial: Trial, directory: Path) -> Closing:
     """Close once. `directory`: of the tables, objects and hands that are made on the way."""
     config = _config(trial, directory)
     case = demo_cases(0)[1 if trial.split else 0]
-    path = directory / f"{table_name(case)}.npz"
+    path = Path(config.tables.directory) / f"{table_name(case)}.npz"
+    path.parent.mkdir(parents=True, exist_ok=True)
     table, _ = build_or_load(
         path,
         configured_hand(config),
@@ -177,7 +178,7 @@ class _Watch:
 def _config(trial: Trial, directory: Path) -> RobotConfig:
     zero = {"zero_ticks": taut_ticks(model_by_name(trial.model))}
     overrides: dict[str, Any] = {
-        "tables": {"directory": str(directory)},
+        "tables": {"directory": str(directory / f"tables-{trial.tendon_stiffness_N_per_m}")},  # of one hand
         "tendons": {"model": trial.model, "right": zero, "left": zero},
     }
     config = load_config(overrides=overrides)
