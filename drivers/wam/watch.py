@@ -126,7 +126,8 @@ class ArmWatch:
                 self.motor_modes.update(self._motor_modes)
             self._change_mode(arm_mode(value))
         elif number == self._zero_id:
-            self.zeroed = value == 1
+            if value in (0, 1):  # anything else is a damaged answer
+                self.zeroed = value == 1
         elif number == self._pendant_id:
             self.pendant = PendantState.from_value(value)
             self.pendants_seen += 1

@@ -187,7 +187,7 @@ def test_without_a_hand_nothing_is_taken_off(place: Path) -> None:
     [
         ("gripping", CommandError, "hand is gripping"),
         ("fault", CommandError, "collision|in the way"),
-        ("gone", (DeviceError, CommandError), "sent no state|did not answer"),
+        ("gone", (DeviceError, CommandError), "sent no state|did not answer|No daemon listens"),
         ("blocked", InputError, "pose 3 from above: joint 1 had 0.05 rad away"),
         ("cable", InputError, "residual is left in joint 2"),
     ],

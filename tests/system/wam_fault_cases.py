@@ -87,7 +87,7 @@ CASES: tuple[Case, ...] = (
         "torque frames lost",
         _fault(Drop(**_TORQUES), for_s=_FOREVER),
         moving=idles("collision", 0.6),
-        squeezing=holds("collision", 0.5),
+        squeezing=idles("collision", 1.0),
         duration_s=1.1,
     ),
     _row(
