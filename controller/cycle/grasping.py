@@ -35,7 +35,7 @@ class GraspSettings:
     contact_rate_m_s: float = 0.001  # near the expected contact: found within few samples, and the arm starts gently
     contact_zone_m: float = 1.2e-3
     search_end_m: float = 1.1e-3  # contact is given up this far past the expected one
-    short_m: float = 0.15e-3  # that the spools may be behind where a squeeze was to end; tenfold what is usual
+    short_m: float = 0.15e-3  # that the spools may be behind where a squeeze was to end; sound loops miss by hundredths
     overdue_m: float = 0.3e-3  # contact where it is expected is found by then
     release_rate_m_s: float = 0.010
     load_cap_N: float = 110.0
